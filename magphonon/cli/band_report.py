@@ -48,7 +48,7 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
     gyrates = atoms.calc.turning > 0
     stability, buckles = _stability(atoms)
     page = [_effect(bands) + ('' if buckles else f' {stability}')]
-    page += _without_defects(scene)
+    page += ['These are the bands of the perfect lattice; "magphonon modes" includes [defects].'] if scene.defects else []
     if verbose:
         page += _lattice(scene, atoms)
         page += _frequencies(atoms, bands)
@@ -109,10 +109,6 @@ def _out_of_plane(atoms, verbose):
     return [verdict(atoms).finding('out_of_plane').words] if verbose and atoms.calc.layer else []
 
 
-def _without_defects(scene):
-    return ['These are the bands of the perfect lattice; "magphonon modes" includes [defects].'] if scene.defects else []
-
-
 def _lattice(scene, atoms):
     """The lattice whose bands are reported."""
     given = scene.lattice
@@ -142,7 +138,8 @@ def _tolerances(scene, path, spread):
     """The standard deviations of the frequencies at special points, and the shifts by omitted neighbours that exceed them."""
     if spread is None:
         return []
-    stds, within = {'all': spread.std, **spread.contributions}, {}
+    round_off, within = 1e-9 * abs(spread.values).max(), {}
+    stds = {cause: np.where(std > round_off, std, 0.0) for cause, std in {'all': spread.std, **spread.contributions}.items()}
     wide = {cause: max(len(cause) + 2, 12) for cause in stds}
     lines = ['standard deviations due to [uncertainty] (Hz): in all, and by each cause alone',
              f'{"":18}' + ''.join(f'{cause:>{wide[cause]}}' for cause in stds)]

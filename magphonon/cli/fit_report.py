@@ -5,7 +5,6 @@ Each begins with the answer in one line; warnings follow. A `verbose` report has
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 
 import numpy as np
@@ -17,7 +16,7 @@ from ..interactions.force_tables import Forces
 from ..interactions.pair_laws import local_exponent
 from ..scenes.band_fits import ALL, KEYS, NEAREST, TELLS, BandFits
 from ..scenes.frf_fits import UNITS, FrfFits, missing_magnet
-from ..scenes.scene import Scene
+from ..scenes.scene import Scene, toml
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
 
@@ -109,7 +108,7 @@ def band_report(found: BandFits, points: int, fixed: list[str], verbose: bool = 
     lines = _answer(found)
     if verbose:
         lines += ['', found.scene.title, '', *_ridges(found, points, fixed), '', *_ridge_table(found), *_shifts(found)]
-    lines += [*_doubts_of_ridges(found), *_stated(found), *_verdict(found)]
+    lines += [*_doubts_of_ridges(found), *_doubts_of_values(found), *_stated(found), *_verdict(found)]
     lines += _correlations(fit, n) if verbose and usable else []
     return '\n'.join([*lines, *(_entries(found.fitted()) if usable else [])])
 
@@ -159,22 +158,34 @@ def _shifts(found):
 
 
 def _doubts_of_ridges(found):
-    """Warnings that points are few, parameters undetermined or biased, motions not named, or ridges left out."""
+    """Warnings that points are few, their uncertainties too large, motions not named, or ridges left out."""
     points, names, fit = found.points, found.names, found.fits['complete']
     if len(points) < FEW and len(names) >= MANY:
         yield (f'{len(points)} points are few for {len(names)} parameters: one misread ridge would change them but hardly raise '
                'chi2. Record longer, or with more carriers.')
-    if found.open and fit.follows:
-        yield _both_answers(found)
     scatter = np.sqrt(fit.chi2 / max(fit.freedom, 1))
     if scatter < TOO_SMALL and fit.freedom >= FEW:
         yield (f'Your uncertainties look {1 / scatter:.2g} times too large: chi2 is {fit.chi2:.2g} with {fit.freedom} degrees of '
                'freedom, and the intervals are too wide by about as much.')
+    if not any(points.motions):
+        yield ('The table has no column motion: which branch a ridge follows is decided by its distance alone. Add the columns '
+               'record and motion (transverse or longitudinal); without them all points count as one ridge.')
+    if found.left_out:
+        yield (f'Omitted from the fit: {", ".join(found.left_out)}. With them the points scatter about the fit by '
+               f'{fit.scatter:.2g} times their uncertainties, and all intervals are widened accordingly. A fit that is good only '
+               'because ridges were left out is no more certain than a fit to all of them.')
+
+
+def _doubts_of_values(found):
+    """Warnings that both numbers of neighbours are possible, the law is free, or parameters are undetermined or biased."""
+    follows = found.fits['complete'].follows
+    if found.open and follows:
+        yield _both_answers(found)
     if found.of_any_law:
         yield ('The intervals hold for any smooth law; the inverse power in the scene was only a first guess. They become '
                'several times narrower if the scene names the shape of the magnets (kind = "magnets" or "table").')
     values = found.values()
-    if fit.follows and (unknown := [KEY_OF[name] for name in names if values[name][1] > DETERMINED]):
+    if follows and (unknown := [KEY_OF[name] for name in found.names if values[name][1] > DETERMINED]):
         yield (f'These ridges do not determine {" and ".join(unknown)} of the complete model: several parameters can change '
                'together without moving the ridges. Measure more frequencies of both branches (a force along the row drives '
                'longitudinal waves, one across it shear), or state what is known from elsewhere with --prior; --fix '
@@ -183,13 +194,6 @@ def _doubts_of_ridges(found):
         yield ('The values are biased and their intervals wide: the waves come from a point source, or from a source that the '
                'table does not name. Such ridges are shifted, so the true values lie to one side within the intervals '
                '(docs/coverage.md). State what is known from elsewhere with --prior, or drive a row of sources.')
-    if not any(points.motions):
-        yield ('The table has no column motion: which branch a ridge follows is decided by its distance alone. Add the columns '
-               'record and motion (transverse or longitudinal); without them all points count as one ridge.')
-    if found.left_out:
-        yield (f'Omitted from the fit: {", ".join(found.left_out)}. With them the points scatter about the fit by '
-               f'{fit.scatter:.2g} times their uncertainties, and all intervals are widened accordingly. A fit that is good only '
-               'because ridges were left out is no more certain than a fit to all of them.')
 
 
 def _both_answers(found):
@@ -262,15 +266,7 @@ def frf_report(found: FrfFits, fixed: list[str], verbose: bool = True) -> str:
     if verbose:
         lines += ['', found.scene.title, '', *_responses(found, fixed)]
         lines += _of_sites(found) if better.follows and better.site_scatter.any() else []
-    if not better.follows:
-        strengths = 100 * better.site_scatter[0]
-        why = (f'the data would need strengths that scatter by {strengths:.0f} % from site to site' if np.isfinite(strengths) else
-               f'the residual is {better.misfit:.3g} times the noise, even if each site has its own strength and springs')
-        hole = missing_magnet(found)
-        lines.append(f'The lattice does not follow this model: {why}, so no intervals are given. ' + (
-            'Check mass, spacing, shells, units, and the positions and directions of the points.' if hole is None else
-            'It follows far better if a magnet is missing at [{:.4g}, {:.4g}] m: look there, and give [defects] vacancies_m.'
-            .format(*hole)))
+    lines += _doubts_of_peaks(found) if better.follows else [_not_followed(found)]
     values = found.values(better.model)
     for name, sigmas in found.contradicted.items():
         (value, _), (known, sigma) = values[name], found.priors[name]
@@ -278,11 +274,6 @@ def frf_report(found: FrfFits, fixed: list[str], verbose: bool = True) -> str:
                      'that was known: check the calibration, the mass and the units; until they agree, all values are doubtful.')
     if feet := found.scene.foundation:
         lines += feet.doubts(max(one.omega[-1] for one in found.functions), beams=False)
-    apart = u.hertz(max(np.median(np.diff(one.omega)) for one in found.functions))
-    wide = found.fitted(better.model).frf.damping_per_s / (2 * np.pi)
-    if better.follows and apart > wide:
-        lines.append(f'The points are {apart:.2g} Hz apart, farther than the peaks are wide ({wide:.2g} Hz at half of their '
-                     'energy), so most peaks are seen by their flanks only. Measure more densely around the peaks.')
     ratio, sigma = better.unlike
     if abs(ratio) >= UNLIKE * sigma:
         stiff, soft = 'xy' if ratio > 0 else 'yx'
@@ -295,6 +286,27 @@ def frf_report(found: FrfFits, fixed: list[str], verbose: bool = True) -> str:
                 + (', and the fit of the complete model ends without static forces.' if found.endless else '.')}[found.verdict]
     return '\n'.join([*lines, f'The residual of the {worse} model is {max(found.ratio, 1 / found.ratio):.3g} times as large: '
                               f'{decision}'])
+
+
+def _not_followed(found):
+    """Why a lattice has no intervals, and where a magnet may be missing."""
+    better, hole = found.better, missing_magnet(found)
+    strengths = 100 * better.site_scatter[0]
+    why = (f'the data would need strengths that scatter by {strengths:.0f} % from site to site' if np.isfinite(strengths) else
+           f'the residual is {better.misfit:.3g} times the noise, even if each site has its own strength and springs')
+    look = ('Check mass, spacing, shells, units, and the positions and directions of the points.' if hole is None else
+            f'It follows far better if a magnet is missing at [{hole[0]:.4g}, {hole[1]:.4g}] m: look there, and give [defects] '
+            'vacancies_m.')
+    return f'The lattice does not follow this model: {why}, so no intervals are given. {look}'
+
+
+def _doubts_of_peaks(found):
+    """A warning that points are farther apart than peaks are wide."""
+    apart = u.hertz(max(np.median(np.diff(one.omega)) for one in found.functions))
+    wide = found.fitted(found.better.model).frf.damping_per_s / (2 * np.pi)
+    if apart > wide:
+        yield (f'The points are {apart:.2g} Hz apart, farther than the peaks are wide ({wide:.2g} Hz at half of their energy), '
+               'so most peaks are seen by their flanks only. Measure more densely around the peaks.')
 
 
 def _responses(found, fixed):
@@ -364,12 +376,16 @@ def _ends(value, sigma):
 
 def _entries(scene: Scene) -> list[str]:
     """Lines with the law and the springs of a fitted scene, to replace those in its file."""
-    law = [f'{key} = {value:.8g}' for key, value in scene.law if isinstance(value, float)]
-    law += [f'{key} = {[float(f"{x:.8g}") for x in value]}' for key, value in scene.law if isinstance(value, tuple)]
-    law += [f'{key}.{name} = {x:.8g}' for key, value in scene.law if hasattr(value, 'model_fields_set') for name, x in value]
-    springs = scene.foundation.changes if scene.foundation else {}
-    rows = [f'{name}_N_per_m = {np.max(k) / (u.N / u.m):.8g}' for name, k in springs.items()]
-    shells = json.dumps(scene.law.shells if scene.law.shells == 1 else 'auto')
-    return ['', 'for a scene file, in place of its [law] and [foundation]:', '',
-            '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {shells}',
-            *(['[foundation]', *rows] if rows else [])]
+    tables = {'law': scene.law.model_dump(exclude_none=True) | {'shells': scene.law.shells if scene.law.shells == 1 else 'auto'}}
+    if scene.foundation:
+        tables['foundation'] = {f'{name}_N_per_m': np.max(k) / (u.N / u.m) for name, k in scene.foundation.changes.items()}
+    return ['', 'for a scene file, in place of its [law] and [foundation]:', toml(_rounded(tables)).rstrip()]
+
+
+def _rounded(value):
+    """A table, a list or a number of a scene with eight digits."""
+    if isinstance(value, dict):
+        return {key: _rounded(inner) for key, inner in value.items()}
+    if isinstance(value, tuple):
+        return [*map(_rounded, value)]
+    return float(f'{value:.8g}') if isinstance(value, float) else value

@@ -37,9 +37,11 @@ from .transfer_fits import (
     ParametricLattice,
     Solved,
     TransferFit,
+    measured_responses,
     response_slopes,
     solved,
     split,
+    stated,
     weights,
 )
 
@@ -272,8 +274,7 @@ class _Problem:
 
     def off(self, h, x, noise):
         """Residuals, divided by the noise, for responses h to which the gain is not yet applied."""
-        measured = np.concatenate([one.response for one in self.functions])
-        return split(weights(self.functions) * (measured - self.gain(x) * h)) / noise
+        return split(weights(self.functions) * (measured_responses(self.functions) - self.gain(x) * h)) / noise
 
     def linear(self, place: Place, scatter: NDArray[np.float64], noise: float) -> Linear:
         x, built, (basis, own) = place.x, place.built, place.fields
@@ -314,6 +315,23 @@ class _Problem:
                 break
         return place, self.linear(place, scatter, noise)
 
+    def of_most_evidence(self, place: Place, known: bool) -> tuple[Place, Linear, NDArray[np.float64], float] | None:
+        """The last point, its linearisation, the scatter of most evidence and the noise, which is `known` or follows from what
+        is left; None if no scatter has more evidence.
+        """
+        scatter, noise = FIRST, self.noise
+        for _ in range(ROUNDS):
+            place, at = self.descended(place, scatter, noise, MOST, FINE)
+            factors, determined, gained = scatter_factors(at, place.z, self.sites.kinds, np.log(FIRST / scatter))
+            if gained < 0:
+                return None
+            left = 1.0 if known else float(np.sqrt(at.r @ at.r / (len(at.r) - len(place.x) - determined)))
+            if abs(np.log([*factors, left])).max() < SETTLED:
+                return place, at, scatter, noise
+            place = place._replace(z=place.z / factors[self.sites.kinds])  # the same sites
+            scatter, noise = scatter * factors, noise * left
+        return *self.descended(place, scatter, noise, MOST, FINE), scatter, noise
+
 
 def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
                        functions: Sequence[TransferFunction],
@@ -331,31 +349,22 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
         The fit of the means of the sites of this patch; without information if the sites would have to scatter by more than
         MOST_SCATTER.
     """
-    known = all(one.sigma is not None for one in functions)
+    known = stated(functions)
     if known and fit.chance >= FITS:
         return fit
     built = build(fit.by_name)
     one = _Problem(build, fit.names, functions, Before.of(fit.names, priors), Sites.of(built.system), fit.noise)
     measured = one.off(0.0, np.log(fit.factors), 1.0)
     half = measured @ measured / 2 if known else np.inf  # more of what was measured must follow the lattice
-    scatter, noise = FIRST, fit.noise
-    place = one.place(np.log(fit.factors), np.zeros(one.sites.ends[2]), scatter)
+    place = one.place(np.log(fit.factors), np.zeros(one.sites.ends[2]), FIRST)
     wide = fit.misfit / START if known else START
     while wide > 1 + 0.2 * known:
-        place, _ = one.descended(place, scatter, noise * wide, FEW, ROUGH)
+        place, _ = one.descended(place, FIRST, one.noise * wide, FEW, ROUGH)
         wide /= LOWER
-    for _ in range(ROUNDS):
-        place, at = one.descended(place, scatter, noise, MOST, FINE)
-        factors, determined, gained = scatter_factors(at, place.z, one.sites.kinds, np.log(FIRST / scatter))
-        if gained < 0:
-            return fit.refused if fit.square > half else fit
-        left = 1.0 if known else float(np.sqrt(at.r @ at.r / (len(at.r) - len(place.x) - determined)))
-        if abs(np.log([*factors, left])).max() < SETTLED:
-            break
-        place = place._replace(z=place.z / factors[one.sites.kinds])  # the same sites
-        scatter, noise = scatter * factors, noise * left
-    else:
-        place, at = one.descended(place, scatter, noise, MOST, FINE)
+    found = one.of_most_evidence(place, known)
+    if found is None:
+        return fit.refused if fit.square > half else fit
+    place, at, scatter, noise = found
     x, z = place.x, place.z
     C = Eliminated(at.A)
     unlike = _unlike(at, C, one.sites.split / scatter[1], z, at.J.T @ C(at.J) + one.before.information)

@@ -103,19 +103,17 @@ class TransferFit(ParameterFit):
         return super().freedom - len(self.sites)
 
 
-def responses(built: ParametricLattice, functions: Sequence[TransferFunction], widened: float = 0.0) -> NDArray[np.complex128]:
+def responses(built: ParametricLattice, functions: Sequence[TransferFunction]) -> NDArray[np.complex128]:
     """Responses of a lattice for all functions, one after the other, in mm/N or per displacement of the bench.
 
-    Each function has the Dof where it is seen, and the Dof of its force or the direction in which the bench is shaken;
-    `widened` is an additional damping in 1/ms.
+    Each function has the Dof where it is seen, and the Dof of its force or the direction in which the bench is shaken.
     """
     omega, where = _frequencies(functions)
     seen = np.unique([_place(one).particle for one in functions])
 
     @lru_cache
     def under(push):
-        return frequency_response(built.system, np.frombuffer(push).reshape(-1, 3), omega, built.damping + widened, seen,
-                                  ACCURATE).response
+        return frequency_response(built.system, np.frombuffer(push).reshape(-1, 3), omega, built.damping, seen, ACCURATE).response
 
     found = []
     for one, k in zip(functions, where, strict=True):
@@ -138,7 +136,7 @@ class Solved(NamedTuple):
 
 
 def solved(built: ParametricLattice, functions: Sequence[TransferFunction], widened: float = 0.0) -> tuple[Any, list[Solved]]:
-    """A basis of displacements, shape (particles * dim, basis), and each function in it; `widened` as in `responses`."""
+    """A basis of displacements, shape (particles * dim, basis), and each function in it, with `widened` more damping in 1/ms."""
     system, dim = built.system, built.system.dim
     omega, where = _frequencies(functions)
     ends = [(_place(one).force(len(system)), _push(system, one.drive)) for one in functions]
@@ -161,24 +159,27 @@ def response_slopes(built: ParametricLattice, functions: Sequence[TransferFuncti
     The `names` are 'damping', 'mass', 'gain' (of all responses) or names in `built.changes`; `fields` is the result of `solved`,
     if it is known.
     """
-    system = built.system
-    damping, mass = built.damping + widened, sparse.diags_array(np.repeat(system.masses, system.dim))
-    bent = [name for name in names if name in built.changes]
+    system, bent = built.system, [name for name in names if name in built.changes]
     basis, own = solved(built, functions, widened) if fields is None else fields
-    M = basis.T @ (mass @ basis)
     measured = bool(system.calc.load.any())  # in a scene a load is what balances the positions of its file
-    stiff = {name: basis.T @ (dH @ basis) for name, dH in zip(
-        bent, hessian_changes(system, [built.changes[name] for name in bent], measured=measured), strict=True)}
-    slopes = []
-    for one, w, h, x, y in own:
-        inertia, weight = -(w**2) + 1j * w * damping, (x * (M @ y.T).T).sum(axis=1)
-        of = {name: -(x * (dH @ y.T).T).sum(axis=1) for name, dH in stiff.items()}
-        of |= {'damping': -1j * w * built.damping * weight, 'mass': -inertia * weight}
-        if not isinstance(one.drive, Dof):  # shaken: the force goes with the mass, and w^2
-            of['mass'] = of['mass'] + (h - _place(one).direction @ one.drive) / w**2
-            of = {name: w**2 * slope for name, slope in of.items()}
-        slopes.append(np.reshape([h if name == 'gain' else of[name] for name in names], (len(names), len(w))))
+    changes = hessian_changes(system, [built.changes[name] for name in bent], measured=measured)
+    masses = sparse.diags_array(np.repeat(system.masses, system.dim))
+    M, *stiff = (basis.T @ (matrix @ basis) for matrix in (masses, *changes))
+    slopes = [_slopes(one, names, M, dict(zip(bent, stiff, strict=True)), built.damping, widened) for one in own]
     return np.concatenate([one.h for one in own]), np.concatenate(slopes, axis=1)
+
+
+def _slopes(solved, names, M, stiff, damping, widened):
+    """Derivatives of one function by the logarithms of parameters, from the changes `stiff` of the stiffness in its basis."""
+    one, w, h, x, y = solved
+    inertia, weight = -(w**2) + 1j * w * (damping + widened), (x * (M @ y.T).T).sum(axis=1)
+    of = {name: -(x * (dH @ y.T).T).sum(axis=1) for name, dH in stiff.items()}
+    of |= {'damping': -1j * w * damping * weight, 'mass': -inertia * weight}
+    if not isinstance(one.drive, Dof):  # shaken: the force goes with the mass, and w^2
+        of['mass'] = of['mass'] + (h - _place(one).direction @ one.drive) / w**2
+        of = {name: w**2 * slope for name, slope in of.items()}
+    of['gain'] = h
+    return np.reshape([of[name] for name in names], (len(names), len(w)))
 
 
 def _frequencies(functions):
@@ -259,8 +260,8 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
     >>> round(float(fit_transfer(build, ('foundation',), [measured]).factors[0]), 6)
     1.2
     """
-    known = all(one.sigma is not None for one in functions)
-    points = sum(len(one.omega) for one in functions)
+    known = stated(functions)
+    points = len(measured_responses(functions))
     free = 2 * points - len(names)
     if free <= 0:
         raise ValueError(f'{2 * points} measured numbers are too few for {len(names)} parameters ({", ".join(names)})')
@@ -272,7 +273,7 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
         for rate in _rates(functions, build(dict(zip(names, np.exp(begin).tolist(), strict=True))).damping):
             begin = fitted([with_wide_peaks(one, rate) for one in few], begin, ROUGH, widened=2 * rate).x
         found = min(found, fitted(few, begin, ROUGH), key=lambda one: one.cost)
-    hopeless = 2 * found.cost > HOPELESS * np.sum(abs(weights(few) * np.concatenate([one.response for one in few])) ** 2)
+    hopeless = 2 * found.cost > HOPELESS * np.sum(abs(weights(few) * measured_responses(few)) ** 2)
     found = fitted(functions, found.x, ROUGH if hopeless else FINE)
     r, J = found.fun, found.jac
     square = float(r[: 2 * points] @ r[: 2 * points])
@@ -294,7 +295,7 @@ def roughly_left(build: Callable[[dict[str, float]], ParametricLattice], names: 
 
 def _solved(build, names, functions, start, tolerance, *, before, widened=0.0):
     """Least-squares solution, starting at the logarithms `start`; rows of the prior `before` come after those of the data."""
-    weight, measured = weights(functions), np.concatenate([one.response for one in functions])
+    weight, measured = weights(functions), measured_responses(functions)
 
     @lru_cache(maxsize=2)  # residuals and derivatives are wanted at the same place, one after the other
     def at(x):
@@ -323,9 +324,19 @@ def split(z: NDArray[np.complex128]) -> NDArray[np.float64]:
     return np.concatenate([z.real, z.imag], axis=-1)
 
 
+def stated(functions: Sequence[TransferFunction]) -> bool:
+    """Whether all uncertainties are stated."""
+    return all(one.sigma is not None for one in functions)
+
+
+def measured_responses(functions: Sequence[TransferFunction]) -> NDArray[np.complex128]:
+    """The measured responses of all functions, one after the other, shape (points,)."""
+    return np.concatenate([one.response for one in functions])
+
+
 def weights(functions: Sequence[TransferFunction]) -> NDArray[np.float64]:
     """Weight of each point: 1/uncertainty, or if not all are stated, 1/peak of the measured quantity."""
-    if all(one.sigma is not None for one in functions):
+    if stated(functions):
         return 1 / np.concatenate([np.broadcast_to(one.sigma, one.omega.shape) for one in functions])
     return np.concatenate([one.omega**one.order / abs(one.omega**one.order * one.response).max() for one in functions])
 

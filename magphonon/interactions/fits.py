@@ -488,7 +488,7 @@ def _solved(model, forces, noise, drift=0.0, near=None):
         def white(one, U=U, S=S, sigma=sigma) -> Any:
             """Forces or their derivatives in units of the noise, which is then white."""
             one = (one.T / sigma).T
-            return one - U @ (((1 - 1 / np.sqrt(1 + S**2)) * (U.T @ one).T).T) if drift else one
+            return one - U @ (((1 - 1 / np.sqrt(1 + S**2)) * (U.T @ one).T).T)
 
         found = least_squares(lambda p, white=white: np.concatenate([white(y - model.rows(p)[0]), p / prior]), p,
                               lambda p, white=white: np.vstack([-white(model.rows(p)[1]), np.diag(1 / prior)]),  # pyright: ignore[reportArgumentType]

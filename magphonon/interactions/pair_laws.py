@@ -24,9 +24,8 @@ DEEPEST = 0.5
 and is a few percent off at a tenth; beyond a half, spheres are no longer pressed together but lie inside one another."""
 # Gauss-Legendre on [0, 1]: the energy between two knots to round-off
 _NODES, _WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(16), (1, 0), strict=True))
-SMOOTH = 1e-13
-"""A knot is added if the energy between two knots, computed in one piece and in two halves, differs by more than this fraction.
-With two readings per octave none is added up to laws as steep as r^-12; if noise bends the spline in a gap, several are."""
+PIECE = 0.03
+"""Largest distance of two knots, relative: also where noise bends the spline in a gap the rule is exact to round-off."""
 APART = 1e-9  # least relative distance of two readings; closer ones are one, up to the round-off of positions
 MARGIN, BEND, FAR = 1.1, 2.0, 1e4
 """Factors beyond the ends of a table up to which it is continued: below, for particles that move about their places; above, until
@@ -485,31 +484,19 @@ class Tabulated:
             raise ValueError(f'table forces must be positive (repulsive), not {f.min():g} N; drop the points at the noise floor')
         spline = CubicSpline(np.log(r), np.log(f))
         _warn_of_readings(r, f, spline)
-        for name, value in (('r', r), ('f', f), ('_knots', r), ('_slopes', spline.c)):
-            object.__setattr__(self, name, value)
-        while (rough := self._rough()).any():  # more knots where one quadrature rule is not enough; the spline does not change
-            x = np.log(self._knots)
-            x = np.sort(np.append(x, (x[:-1] + x[1:])[rough] / 2))
-            object.__setattr__(self, '_knots', np.append(np.exp(x[:-1]), r[-1]))
-            object.__setattr__(self, '_slopes', np.array([spline(x[:-1], n) / (6, 2, 1, 1)[3 - n] for n in (3, 2, 1, 0)]))
+        knots = np.union1d(r, np.geomspace(r[0], r[-1], int(np.ceil(np.log(r[-1] / r[0]) / PIECE))))
+        slopes = [spline(np.log(knots[:-1]), n) / (1, 1, 2, 6)[n] for n in (3, 2, 1, 0)]
         (low, high), (a, b) = np.log(r[[0, -1]]), spline(np.log(r[[0, -1]]), 1)  # beyond them straight on logarithmic axes
         tail, octave = min(b, -DIPOLES), np.log(BEND)
         before, bent = [0, 0, a, spline(low) - a * np.log(MARGIN)], [0, (tail - b) / (2 * octave), b, spline(high)]
         behind = [0, 0, tail, spline(high) + (b + tail) / 2 * octave]
-        object.__setattr__(self, '_knots', np.concatenate([[r[0] / MARGIN], self._knots, r[-1] * np.array([BEND, FAR])]))
-        object.__setattr__(self, '_slopes', np.column_stack([before, self._slopes, bent, behind]))
+        knots = np.concatenate([[r[0] / MARGIN], knots, r[-1] * np.array([BEND, FAR])])
+        slopes = np.column_stack([before, slopes, bent, behind])
+        for name, value in (('r', r), ('f', f), ('_knots', knots), ('_slopes', slopes)):
+            object.__setattr__(self, name, value)
         # phi at each knot from the integral over the interval beyond it
         steps = self._force_integral(np.arange(len(self._knots) - 1), self._knots[1:])
         object.__setattr__(self, '_energies', np.append(np.cumsum(steps[::-1])[::-1], 0.0) - steps[-2:].sum())
-
-    def _rough(self):
-        """Mask of the intervals whose integral of the force differs from that of their two halves."""
-        k, low, high = np.arange(len(self._knots) - 1), self._knots[:-1], self._knots[1:]
-        middle = np.sqrt(low * high)
-        whole = self._force_integral(k, high)
-        halves = self._force_integral(k, middle) + self._force_integral(k, high, middle)
-        bend = abs(self._slopes[:3] * np.log(high / low) ** np.array([[3], [2], [1]])).sum(axis=0)  # of log f
-        return (abs(whole - halves) > SMOOTH * abs(whole)) & (bend > 1)
 
     def _interval(self, r):
         """Index k of the interval between two knots that holds each distance."""
@@ -527,17 +514,17 @@ class Tabulated:
         c3, c2, c1, c0 = self._slopes[:, k]
         return np.exp(c0 + x * (c1 + x * (c2 + x * c3))), c1 + x * (2 * c2 + x * 3 * c3)
 
-    def _force_integral(self, k, r, start=None):
-        """Integral of the force over the interval k, from its first knot or from `start`, to `r`."""
-        k, r, start = np.broadcast_arrays(k, r, self._knots[k] if start is None else start)
-        (c3, c2, c1, c0), first = self._slopes[:, k], self._knots[k]
+    def _force_integral(self, k, r):
+        """Integral of the force over the interval k, from its first knot to `r`."""
+        k, r, first = np.broadcast_arrays(k, r, self._knots[k])
+        c3, c2, c1, c0 = self._slopes[:, k]
         tail = (c3 == 0) & (c2 == 0) & (c1 < -1)
         with np.errstate(over='ignore'):  # of the others
-            ends = [np.exp(c0) * first * (x / first) ** (1 + c1) for x in (r, start)]
+            ends = [np.exp(c0) * first * (x / first) ** (1 + c1) for x in (r, first)]
         found = np.where(tail, (ends[0] - ends[1]) / np.where(tail, 1 + c1, 1.0), 0.0)
         if (curved := ~tail).any():
-            k, start, span = k[curved], start[curved], (r - start)[curved]
-            found[curved] = span * sum(w * self._force(k, start + node * span)[0]
+            k, first, span = k[curved], first[curved], (r - first)[curved]
+            found[curved] = span * sum(w * self._force(k, first + node * span)[0]
                                        for node, w in zip(_NODES, _WEIGHTS, strict=True))
         return found[()]
 

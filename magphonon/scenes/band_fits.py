@@ -8,7 +8,7 @@ whatever number of shells or start the scene names.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
@@ -180,7 +180,7 @@ class BandFits:
             Answer of a single fit in place of the weighted sum.
         """
         found = []
-        for fit in self._fits(model, part):
+        for fit in self._fits(model, part).values():
             scene = with_factors(self.scene, fit.by_name)  # bends change neither force nor slope at the spacing
             own = {name: (value_of(scene, name), sigma) for name, sigma in zip(self.names, fit.sigma.tolist(), strict=False)}
             found.append(own | {'bond stiffness': (value_of(scene, 'bond stiffness'),
@@ -206,18 +206,17 @@ class BandFits:
             `omega` is in rad/ms; `sigma` is a fraction of it, infinite if the points do not determine the frequency.
         """
         q, found = wavevectors(q), []
-        for name, fit in self.parts[one_of('model', model, MODELS)].items():
-            if part in (None, name):
-                bands = Bands(self.lattices[name], model, *_built(self.scene, fit.by_name))
-                omega = bands.omega(q)
-                steep = np.stack([bands.slopes(q, fit.names, at)[1][..., k] for k, at in enumerate(omega.T)], axis=-1)
-                relative = np.divide(steep, 2 * omega**2, out=np.zeros_like(steep), where=steep != 0)
-                found.append((omega, np.apply_along_axis(fit.sigma_along, 0, relative)))
+        for name, fit in self._fits(model, part).items():
+            bands = Bands(self.lattices[name], model, *_built(self.scene, fit.by_name))
+            omega = bands.omega(q)
+            steep = np.stack([bands.slopes(q, fit.names, at)[1][..., k] for k, at in enumerate(omega.T)], axis=-1)
+            relative = np.divide(steep, 2 * omega**2, out=np.zeros_like(steep), where=steep != 0)
+            found.append((omega, np.apply_along_axis(fit.sigma_along, 0, relative)))
         omega, sigma = (np.array(each) for each in zip(*found, strict=True))
         return mixed_interval(omega, sigma, self._share(model, part))
 
     def _fits(self, model, part):
-        return [fit for name, fit in self.parts[one_of('model', model, MODELS)].items() if part in (None, name)]
+        return {name: fit for name, fit in self.parts[one_of('model', model, MODELS)].items() if part in (None, name)}
 
     def _share(self, model, part):
         return np.array([*self.weights(model).values()]) if part is None else np.ones(1)
@@ -239,6 +238,16 @@ def parameters_in(scene: Scene) -> tuple[str, ...]:
     springs = scene.foundation.changes if scene.foundation and scene.foundation.stiffness else {}
     names = ('foundation',) if len(springs) == 1 else ('foundation_x', 'foundation_y')[: len(springs)]
     return ('force', *([shape] if shape else []), *names)
+
+
+def free_names(have: Sequence[str], fixed: Sequence[str], priors: Collection[str],
+               known: Sequence[str] = ()) -> tuple[str, ...]:
+    """The parameters of `have` that are not fixed, and those of `known` that have a prior; ValueError for any other name."""
+    for name in fixed:
+        one_of('the fixed parameter', name, have)
+    for name in priors:
+        one_of('the parameter of a prior', name, (*have, *known))
+    return tuple(name for name in (*have, *known) if name not in fixed and (name in have or name in priors))
 
 
 def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
@@ -289,18 +298,18 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     (4.55, True)
     """
     have, priors = parameters_of(scene), dict(priors or {})
-    if not KINDS[scene.law.kind].shape:
-        scene.with_shells('all').counted()  # refuses forces that reach too far
-    for name in (*fixed, *priors):
-        one_of('the fixed parameter' if name in fixed else 'the parameter of a prior', name, have)
-    names = tuple(name for name in have if name not in fixed)
+    names = free_names(have, fixed, priors)
     if not names:
         raise ValueError('all parameters are fixed; leave one of them free')
     scene = of_remanence(scene)
     own, _ = _divided(points, without)
     _refuse_two_springs(own, [name for name in names if name not in priors])
     near = scene.with_shells(1).perfect_cell()
-    lattices = {NEAREST: Shells(near)} if KINDS[scene.law.kind].shape else {}
+    lattices = {}
+    if KINDS[scene.law.kind].shape:
+        lattices[NEAREST] = Shells(near)
+    else:
+        scene.with_shells('all').counted()  # refuses forces that reach too far
     lattices[ALL] = _all_neighbours(near)
     parts: dict[Any, dict[str, DispersionFit]] = {model: {} for model in MODELS}
     for model, part in product(MODELS, lattices):

@@ -163,21 +163,11 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
         raise ValueError('lattice.file has the column relative_damping, but a fit of transfer functions supports only one '
                          'damping for all particles; remove the column')
     scene = band_fits.of_remanence(scene.counted())
-    for name in fixed:
-        one_of('the fixed parameter', name, have)
-    for name in priors:
-        one_of('the parameter of a prior', name, (*have, 'mass'))
-    names = tuple(name for name in have if name not in fixed) + ('mass',) * ('mass' in priors)
-    relative = {name: band_fits.relative_prior(name, value_of(scene, name), *priors[name], fixed) for name in priors}
+    names = band_fits.free_names(have, fixed, priors, ('mass',))
     if not_negative('gain_sigma', gain_sigma):
-        names, relative = (*names, 'gain'), relative | {'gain': (1.0, gain_sigma)}
-        priors['gain'] = 1.0, gain_sigma
-    own, seen = with_dofs(scene, functions), {}
-    for one in own:
-        first = seen.setdefault((one.omega.tobytes(), one.response.tobytes()), one)
-        if first is not one:
-            raise ValueError(f'{first.name} and {one.name} hold the same numbers, whose noise would count as independent; '
-                             'give only one of them')
+        names, priors['gain'] = (*names, 'gain'), (1.0, gain_sigma)
+    relative, own = _relative_priors(scene, priors, fixed), with_dofs(scene, functions)
+    _refuse_copies(own)
     fits, start = {}, None
     build = {model: partial(_built, scene, model) for model in MODELS}
     for model in MODELS:  # D0 alone starts where the complete model ends
@@ -191,6 +181,21 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     return FrfFits(scene, own, fits, priors)
 
 
+def _relative_priors(scene, priors, fixed=()):
+    """The priors, as factors of the present values and relative standard uncertainties."""
+    return {name: prior if name == 'gain' else band_fits.relative_prior(name, value_of(scene, name), *prior, fixed)
+            for name, prior in priors.items()}
+
+
+def _refuse_copies(functions):
+    seen = {}
+    for one in functions:
+        first = seen.setdefault((one.omega.tobytes(), one.response.tobytes()), one)
+        if first is not one:
+            raise ValueError(f'{first.name} and {one.name} hold the same numbers, whose noise would count as independent; '
+                             'give only one of them')
+
+
 def missing_magnet(found: FrfFits) -> NDArray[np.float64] | None:
     """The place in m of a magnet without which the better model follows the data clearly better; None if there is none.
 
@@ -198,29 +203,31 @@ def missing_magnet(found: FrfFits) -> NDArray[np.float64] | None:
     """
     scene, better = found.scene, found.better
     atoms, *_ = scene.shaken(better.model, bench=True)
-    measured = {dof.particle for one in found.functions for dof in (one.answer, one.drive) if isinstance(dof, Dof)}
-    sites = [k for k in np.flatnonzero(freedom(atoms)[0]).tolist() if k not in measured]
+    measured = [dof.particle for one in found.functions for dof in (one.answer, one.drive) if isinstance(dof, Dof)]
+    sites = np.setdiff1d(np.flatnonzero(freedom(atoms)[0]), measured).tolist()
     if scene.single or scene.finite or len(sites) > MOST_SITES:
         return None
-    fixed = [name for name in (*band_fits.parameters_in(scene), 'damping') if name not in better.names]
-    relative = {name: prior if name == 'gain' else band_fits.relative_prior(name, value_of(scene, name), *prior, fixed)
-                for name, prior in found.priors.items()}
-    before = scene.defects or Defects.model_construct()
-    places, left = atoms.calc.reference.positions[:, :2] / u.m, {}
-
-    def without(k):
-        own = before.model_copy(update={'vacancies_m': (*before.vacancies_m, places[k].tolist())})
-        functions = [replace(one, **{name: replace(dof, particle=dof.particle - (dof.particle > k))
-                                     for name in ('answer', 'drive') if isinstance(dof := getattr(one, name), Dof)})
-                     for one in found.functions]
-        return partial(_built, scene.model_copy(update={'defects': own}), better.model), better.names, functions
-
+    relative, left = _relative_priors(scene, found.priors), {}
+    places = atoms.calc.reference.positions[:, :2] / u.m
     for k in tqdm(sites, desc='missing magnets', disable=None, leave=False):
         with suppress(PhysicsError):  # nothing holds the others
-            left[k] = roughly_left(*without(k), relative)
-    likely = {k: fit_transfer(*without(k), better.model, relative).misfit for k in sorted(left, key=left.__getitem__)[:LIKELY]}
+            left[k] = roughly_left(*_without(found, k, places[k]), relative)
+    likely = {k: fit_transfer(*_without(found, k, places[k]), better.model, relative).misfit
+              for k in sorted(left, key=left.__getitem__)[:LIKELY]}
     best = min(likely, key=likely.__getitem__, default=None)
     return None if best is None or likely[best] > better.misfit / EXPLAINS else places[best]
+
+
+def _without(found, k, place):
+    """The lattice without particle k, the names of its parameters, and the functions that count its particles."""
+    before = found.scene.defects or Defects.model_construct()
+    own = before.model_copy(update={'vacancies_m': (*before.vacancies_m, place.tolist())})
+
+    def counted(dof):
+        return replace(dof, particle=dof.particle - (dof.particle > k)) if isinstance(dof, Dof) else dof
+
+    return (partial(_built, found.scene.model_copy(update={'defects': own}), found.better.model), found.better.names,
+            [replace(one, answer=counted(one.answer), drive=counted(one.drive)) for one in found.functions])
 
 
 def responses_of(scene: Scene, model: Model, functions: Sequence[TransferFunction],
@@ -282,27 +289,33 @@ def with_dofs(scene: Scene, functions: Sequence[TransferFunction]) -> list[Trans
     atoms, source, answer = scene.shaken(bench=True)
     found, places = [], {}
     for one in functions:
-        given = {name: place if place is None or isinstance(place, Dof) else _place(atoms, place, f'{one.name}, {name}')
-                 for name, place in (('answer', one.answer), ('drive', None if one.shaken else one.drive))}
-        if one.shaken == isinstance(source, Dof) and given['drive'] is None:
-            what, have, give = (('the motion of the bench', '[frf.force]', 'frf.base_deg') if one.shaken else
-                                ('a force', 'frf.base_deg', '[frf.force]'))
-            raise ValueError(f'{one.name} is a response to {what}, and the scene has {have}; give {give} instead')
-        if one.shaken and one.drive is not None and abs(np.exp(1j * one.drive[2]) - complex(*source[:2])) > SAME_DIRECTION:  # pyright: ignore[reportIndexIssue]
-            raise ValueError(f'{one.name} is of a bench shaken along {one.drive[2] / u.deg:.4g} degrees, but frf.base_deg is '  # pyright: ignore[reportIndexIssue]
-                             f'{scene.frf.base_deg:g}; make them equal')
-        if scene.single:
-            given['answer'] = answer
-        elif isinstance(one.answer, np.ndarray):
-            at, seen = tuple(one.answer[:2]), places.setdefault(given['answer'].particle, one)
-            if at != tuple(seen.answer[:2]):
-                raise ValueError(f'{one.name} and {seen.name} name different places next to the same magnet; correct their '
+        seen = _place(atoms, one.answer, f'{one.name}, answer') or answer
+        drive = source if one.shaken else _place(atoms, one.drive, f'{one.name}, drive') or source
+        _check_bench(scene, one, drive)
+        if isinstance(one.answer, np.ndarray) and not scene.single:
+            first = places.setdefault(seen.particle, one)
+            if tuple(one.answer[:2]) != tuple(first.answer[:2]):
+                raise ValueError(f'{one.name} and {first.name} name different places next to the same magnet; correct their '
                                  'unit, or give every measurement of one magnet the same place')
-        found.append(replace(one, answer=given['answer'] or answer, drive=source if given['drive'] is None else given['drive']))
+        found.append(replace(one, answer=answer if scene.single else seen, drive=drive))
     return found
 
 
-def _place(atoms: Atoms, place: NDArray[np.float64], name: str) -> Dof:
+def _check_bench(scene, one, drive):
+    """Raise ValueError if a function and what drives it are not both of a force, or of a bench shaken in one direction."""
+    if one.shaken == isinstance(drive, Dof):
+        what, have, give = (('the motion of the bench', '[frf.force]', 'frf.base_deg') if one.shaken else
+                            ('a force', 'frf.base_deg', '[frf.force]'))
+        raise ValueError(f'{one.name} is a response to {what}, and the scene has {have}; give {give} instead')
+    if one.shaken and one.drive is not None and abs(np.exp(1j * one.drive[2]) - complex(*drive[:2])) > SAME_DIRECTION:
+        raise ValueError(f'{one.name} is of a bench shaken along {one.drive[2] / u.deg:.4g} degrees, but frf.base_deg is '
+                         f'{scene.frf.base_deg:g}; make them equal')
+
+
+def _place(atoms: Atoms, place: NDArray[np.float64] | Dof | None, name: str) -> Dof | None:
+    """The particle nearest to a place and the direction there; a Dof, and None, as they are."""
+    if not isinstance(place, np.ndarray):
+        return place
     x, y, angle = place
     try:
         return Pick.model_validate({'at_m': [float(x / u.m), float(y / u.m)], 'direction_deg': float(angle / u.deg)}).of(atoms)

@@ -10,11 +10,10 @@ import numpy as np
 from ase import Atoms
 from ase.constraints import FixedLine
 from ase.dft.kpoints import BandPath
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from .. import lattices, units as u
 from ..bands.bands import band_path
-from ..errors import not_negative
 from ..interactions.bond_laws import Law
 from ..interactions.pair_laws import PairLaw
 from ..interactions.upright import UprightMagnets
@@ -89,13 +88,6 @@ class Lattice(Table):
         return band_path(self.cell(), points, npoints)
 
 
-def _right_angle(value):
-    degrees = not_negative('', value)
-    if degrees > 90:
-        raise ValueError(f' must lie between 0 and 90 degrees, not {value!r}')
-    return degrees
-
-
 class Oscillator(Table):
     """The free magnet of Sec. III on three fixed ones, all bonds of the length `spacing_m`, guided along its vertical line."""
 
@@ -105,7 +97,7 @@ class Oscillator(Table):
     free: ClassVar = 3  # the index of the free magnet
 
     kind: Literal['oscillator']
-    theta0_deg: Annotated[float, BeforeValidator(_right_angle)] = Field(
+    theta0_deg: Annotated[NotNegative, within(0, 90, 'degrees')] = Field(
         description='the angle in degrees below the horizontal at which the free magnet sees the two outer ones')
     spacing_m: Spacing = Field(description='the length in m of the three bonds of the oscillator')
     mass_kg: Mass = Field(description='the mass in kg of the free magnet of the oscillator')
@@ -139,6 +131,11 @@ class Pillar(Table):
     def stiffness_N_per_m(self) -> float:
         """Stiffness of the pillar, `k = 3 E I/H^3` with `I = pi R^4/4`."""
         return 3 * self.youngs_modulus_Pa * (np.pi * self.radius_m**4 / 4) / self.height_m**3
+
+    @property
+    def along_N_per_m(self) -> float:
+        """Stiffness of the pillar along its axis, `E pi R^2/H`."""
+        return self.youngs_modulus_Pa * np.pi * self.radius_m**2 / self.height_m
 
     @property
     def mass_kg(self) -> float:
@@ -289,9 +286,10 @@ class PatchTable(Table):
 
     def cells(self, cell: Atoms) -> float:
         """Approximate number of cells; zero for a lattice that is not planar."""
-        return self.area(cell) / float(np.linalg.norm(np.cross(*cell.cell.array[:2]))) if cell.pbc[1] else 0
+        return self.area / float(np.linalg.norm(np.cross(*cell.cell.array[:2]))) if cell.pbc[1] else 0
 
-    def area(self, cell: Atoms) -> float:
+    @property
+    def area(self) -> float:
         """Area of the patch in mm^2."""
         raise NotImplementedError
 
@@ -315,8 +313,8 @@ class Parallelogram(PatchTable):
     cells_1: Count = Field(description='the number of cells along the first lattice vector')
     cells_2: Count = Field(description='the number of cells along the second lattice vector')
 
-    def area(self, cell: Atoms) -> float:
-        return self.cells_1 * self.cells_2 * float(np.linalg.norm(np.cross(*cell.cell.array[:2])))
+    def cells(self, cell: Atoms) -> float:
+        return self.cells_1 * self.cells_2
 
     def shape(self, cell: Atoms) -> Atoms:
         return lattices.parallelogram(cell, self.cells_1, self.cells_2)
@@ -329,7 +327,8 @@ class Rectangle(PatchTable):
     width_m: Length = Field(description='the width in m, along x')
     height_m: Length = Field(description='the height in m, along y')
 
-    def area(self, cell: Atoms) -> float:
+    @property
+    def area(self) -> float:
         return self.width_m * u.m * self.height_m * u.m
 
     def shape(self, cell: Atoms) -> Atoms:
@@ -342,23 +341,20 @@ class Hexagon(PatchTable):
     kind: Literal['hexagon', 'half_hexagon']
     side_m: Length = Field(description='the side of the hexagon in m')
 
-    def area(self, cell: Atoms) -> float:
+    @property
+    def area(self) -> float:
         return 1.5 * np.sqrt(3) * (self.side_m * u.m) ** 2 * (1 if self.kind == 'hexagon' else 1 / 2)
 
     def shape(self, cell: Atoms) -> Atoms:
         return getattr(lattices, self.kind)(cell, self.side_m * u.m)
 
 
-class Supercell(PatchTable):
+class Supercell(Parallelogram):
     """Whole cells that repeat periodically, without a rim: where defects and disorder stand in an endless lattice."""
 
-    kind: Literal['supercell']
-    cells_1: Count = Field(description='the number of cells along the first lattice vector')
+    kind: Literal['supercell']  # pyright: ignore[reportIncompatibleVariableOverride]
     cells_2: Count = Field(1, description='the number of cells along the second lattice vector, 1 if the lattice is not '
                                           'periodic along it')
-
-    def cells(self, cell: Atoms) -> float:
-        return self.cells_1 * self.cells_2
 
     def shape(self, cell: Atoms) -> Atoms:
         if cell.pbc[2]:

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, PrivateAttr, create_model, field_serializer, model_validator
 
 from .. import units as u
-from ..errors import one_of, positive, shown, whole
+from ..errors import one_of, shown, whole
 from ..interactions.law_cards import Kind, kinds_of_laws
 from ..interactions.magnet_pairs import magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, grade_remanence
@@ -41,8 +41,8 @@ Shells = Annotated[int | Literal['auto', 'all'], BeforeValidator(_shells),
                          examples=[1])]
 
 
-class Neighbours(Table):
-    """Base of the laws: which neighbours interact."""
+class PairLawTable(Table):
+    """Base of the laws between pairs: which neighbours interact, and numbers that give a law."""
 
     if TYPE_CHECKING:
         shells: int | str = AUTO
@@ -51,9 +51,22 @@ class Neighbours(Table):
     _reach: float | None = PrivateAttr(None)  # and the distance in spacings behind which the next shell begins
 
     @model_validator(mode='after')
-    def _as_asked(self):
+    def _checked(self):
         self._asked = self.shells
+        self.check()
         return self
+
+    def potential(self) -> PairLaw:
+        """The law in mm, g and ms."""
+        raise NotImplementedError
+
+    def check(self) -> None:
+        """Raise ValueError for numbers that give no law, or are too large or too small to compute with."""
+        try:
+            self.potential()
+        except ValueError as error:
+            given = ', '.join(f'law.{key} = {value!r}' for key, value in self if isinstance(value, float))
+            raise ValueError(f': {error}' + f'; check units and exponents of {given}' * bool(given)) from None
 
     @field_serializer('shells', check_fields=False)
     def _told(self, shells):
@@ -102,28 +115,7 @@ class CuboidShape(Table):
         return Cuboid(self.length_m * u.m, self.width_m * u.m, self.height_m * u.m, remanence)
 
 
-class ClosedForm(Neighbours):
-    """A law given by a few numbers."""
-
-    def potential(self) -> PairLaw:
-        """The law in mm, g and ms."""
-        raise NotImplementedError
-
-    @model_validator(mode='after')
-    def _within_range(self):
-        self.refuse_overflow()
-        return self
-
-    def refuse_overflow(self) -> None:
-        """Raise ValueError for numbers that are too large or too small to compute with."""
-        try:
-            self.potential()
-        except ValueError as error:
-            given = ', '.join(f'law.{key} = {value!r}' for key, value in self if isinstance(value, float))
-            raise ValueError(f': {error}; check units and exponents of {given}') from None
-
-
-class InversePowerLaw(ClosedForm):
+class InversePowerLaw(PairLawTable):
     """Force `b r^-a`, given by b or by the force between nearest neighbours."""
 
     kind: Literal['inverse_power']
@@ -135,19 +127,17 @@ class InversePowerLaw(ClosedForm):
 
     _spacing_m: float = PrivateAttr(1.0)  # where the force is force_N: that of the lattice, once the scene knows it
 
-    @model_validator(mode='after')
-    def _within_range(self):
+    def check(self) -> None:
         if (self.b_N_m_a is None) == (self.force_N is None):
             has = 'neither' if self.force_N is None else 'both'
             raise ValueError(f' has {has} of b_N_m_a and force_N; give one of them')
-        self.refuse_overflow()
-        return self
+        super().check()
 
     def placed(self, spacing_m: float) -> InversePowerLaw:
         """The same law, with force_N taken as the force at this distance."""
         law = self.model_copy()
         law._spacing_m = spacing_m
-        law.refuse_overflow()
+        law.check()
         return law
 
     @property
@@ -159,19 +149,12 @@ class InversePowerLaw(ClosedForm):
         return InversePower(self.b * u.N * u.m**self.a, self.a)
 
 
-def _poisson_ratio(value):
-    ratio = positive('', value)
-    if ratio > 0.5:
-        raise ValueError(f' must be at most 0.5, not {value!r}')
-    return ratio
-
-
-Ratio = Annotated[float, BeforeValidator(_poisson_ratio)]
-QUANTITIES = {'positive': Positive, 'length': Length, 'force': Force, 'pressure': Pressure, 'ratio': Ratio}
+QUANTITIES = {'positive': Positive, 'length': Length, 'force': Force, 'pressure': Pressure,
+              'ratio': Annotated[Positive, within(0, 0.5, 'shares of the longitudinal strain')]}
 """Which values the parameters of a law may have, as its card says."""
 
 
-class CardLaw(ClosedForm):
+class CardLaw(PairLawTable):
     """A law whose keys are those of its card, `magphonon.interactions.law_cards`."""
 
     card: ClassVar[Kind]
@@ -190,7 +173,7 @@ def _of_card(kind):
     return table
 
 
-class TableLaw(Neighbours):
+class TableLaw(PairLawTable):
     """Measured forces, as "magphonon fit" prints them."""
 
     kind: Literal['table']
@@ -200,19 +183,11 @@ class TableLaw(Neighbours):
         description='the forces in N at distances_m', examples=[[0.66, 0.24, 0.10, 0.037]])
     shells: Shells = AUTO
 
-    @model_validator(mode='after')
-    def _smooth(self):
-        try:
-            self.potential()
-        except ValueError as error:
-            raise ValueError(f': {error}') from None
-        return self
-
     def potential(self) -> PairLaw:
         return Tabulated(np.array(self.distances_m) * u.m, np.array(self.forces_N) * u.N)
 
 
-class MagnetsLaw(Neighbours):
+class MagnetsLaw(PairLawTable):
     """Uniform magnets, magnetised normal to the plane, by shape and remanence."""
 
     kind: Literal['magnets']
@@ -223,17 +198,12 @@ class MagnetsLaw(Neighbours):
         None, description='the remanence in T, in place of a grade')
     shells: Shells = AUTO
 
-    @model_validator(mode='after')
-    def _one_of_each(self):
+    def check(self) -> None:
         if (self.ring is None) == (self.cuboid is None):
             raise ValueError(f' has {"no shape" if self.ring is None else "two shapes"}; give one of [law.ring], [law.cuboid]')
         if (self.grade is None) == (self.remanence_T is None):
             raise ValueError(f' has {"neither" if self.grade is None else "both"} of grade and remanence_T; give one of them')
-        try:
-            self.potential()
-        except ValueError as error:
-            raise ValueError(f': {error}') from None
-        return self
+        super().check()
 
     def magnet(self) -> Cuboid | Ring:
         """The magnet, a `Ring` or `Cuboid` in mm."""

@@ -126,7 +126,7 @@ def test_a_patch_with_a_hole_relaxes_by_a_rough_table(monkeypatch):
     found = relaxed(patch).atoms
     free = np.delete(np.arange(len(found)), found.constraints[0].index)
     assert abs(found.get_forces()[free]).max() < 1e-12
-    monkeypatch.setattr('magphonon.interactions.pair_laws.SMOOTH', np.inf)
+    monkeypatch.setattr('magphonon.interactions.pair_laws.PIECE', np.inf)
     patch.calc = MagneticRepulsion(patch, Tabulated(*GAPPED), foundation=0.05)
     with pytest.raises(PhysicsError, match='buckles or slides'):
         relaxed(patch)

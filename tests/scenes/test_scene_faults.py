@@ -128,7 +128,7 @@ FAULTS = [  # what is changed in the scene of the prototype, and words of the an
     ({'law': {'kind': 'table', 'shells': 1, 'distances_m': [0.01], 'forces_N': [1.0]}}, 'at least 4 points'),
     ({'law.shells': 'all', 'law.a': 0.9}, "law.shells = 'all': the force r^-0.9 has no energy"),
     ({'law': HERTZ, 'lattice.spacing_m': 0.101}, 'lattice.spacing_m = '),
-    ({'law': HERTZ | {'poisson_ratio': 0.6}}, 'law.poisson_ratio must be at most 0.5, not 0.6'),
+    ({'law': HERTZ | {'poisson_ratio': 0.6}}, 'law.poisson_ratio must lie between 0 and 0.5, not 0.6'),
     ({'lattice.relative_masses': [1.0, 2.0]}, 'lattice.relative_masses must hold 1 numbers'),
     ({'uncertainty': {'mass_percent': 450.0}}, 'uncertainty.mass_percent must lie between 0 and 50, not 450.0'),
     *(({'law': None, wrong: {}} if wrong == 'laws' else {key: None, wrong: 1.0}, f'did you mean {meant!r}?')
@@ -232,7 +232,7 @@ def test_a_number_in_another_unit(changes, words, scene_file):
 
 
 @pytest.mark.parametrize(('name', 'old', 'new', 'words'), [
-    ('oscillator', 'theta0_deg = 30.0', 'theta0_deg = 90.1', 'lattice.theta0_deg must lie between 0 and 90 degrees, not 90.1'),
+    ('oscillator', 'theta0_deg = 30.0', 'theta0_deg = 90.1', 'lattice.theta0_deg must lie between 0 and 90, not 90.1'),
     ('vacancy', 'vacancies_m = [[0.0, 0.0]]', 'substitutions = [{at_m = [0.0, 0.0], relative_mass = 1.2e6}]',
      r'defects.substitutions[0].relative_mass must lie between 1e-06 and 1e+06'),
     ('vacancy', 'vacancies_m = [[0.0, 0.0]]', 'substitutions = [{at_m = [0.0, 0.0], relative_strength = 1.2e6}]',
