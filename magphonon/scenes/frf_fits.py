@@ -335,9 +335,8 @@ def _built(scene, model, factors):
 
 
 def _with(scene, factors):
-    lattice = {name: factor for name, factor in factors.items() if name not in ('damping', 'gain')}
     frf = scene.frf.model_copy(update={'damping_per_s': scene.frf.damping_per_s * factors.get('damping', 1.0)})
-    return band_fits.with_factors(scene, lattice).model_copy(update={'frf': frf})
+    return band_fits.with_factors(scene, factors).model_copy(update={'frf': frf})
 
 
 def value_of(scene: Scene, name: str) -> float:

@@ -324,7 +324,7 @@ def test_the_place_of_a_measurement(tmp_path):
     scene = scene_of(tmp_path)
     omega = np.array([0.1, 0.2])
     outside = TransferFunction('f.csv', omega, omega + 0j, None, 0, np.array([500.0, 0.0, 0.0]))
-    with pytest.raises(ValueError, match=r'f\.csv, answer\.at_m = \[0\.5, 0\.0\] is outside the patch'):
+    with pytest.raises(ValueError, match=r'f\.csv, answer\.at_m = \[0\.5, 0\.0\] is outside the structure'):
         with_dofs(scene, [outside])
     shaken = TransferFunction('f.csv', omega, omega + 0j, shaken=True)
     with pytest.raises(ValueError, match='is a response to the motion of the bench, and the scene has'):
