@@ -348,7 +348,7 @@ def _all_neighbours(cell):
     return Shells(atoms, reach)
 
 
-def _built(scene, factors):
+def _built(scene, factors) -> tuple[Any, ...]:
     """Law and springs of a scene with its parameters multiplied by `factors`, and the change of stiffness by each of them."""
     there = with_factors(scene, factors)
     law, changes = _bent(there, factors) if BENDS[0] in factors else (there.law.potential(), {})

@@ -186,8 +186,8 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
 
 def _relative_priors(scene, priors, fixed=()):
     """The priors, as factors of the present values and relative standard uncertainties."""
-    return {name: prior if name == 'gain' else band_fits.relative_prior(name, value_of(scene, name), *prior, fixed)
-            for name, prior in priors.items()}
+    return {name: (value, sigma) if name == 'gain' else
+            band_fits.relative_prior(name, value_of(scene, name), value, sigma, fixed) for name, (value, sigma) in priors.items()}
 
 
 def _refuse_copies(functions):
