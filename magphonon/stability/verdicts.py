@@ -205,8 +205,8 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) 
     run: dict[str, Any] = {'layer': layer, 'damping': site_damping(damping, len(atoms), atoms.calc)}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
         refuse(atoms, all_but('a verdict with AllNeighbours', 'constraints'))
-        LinearSystem.of(atoms)
-        return Verdict(Case(atoms, atoms, np.zeros(1), **run))
+        system = LinearSystem.of(atoms)
+        return Verdict(Case(system.atoms, system, np.zeros(1), **run))
     calc = repulsion_of(atoms)
     now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
@@ -223,7 +223,7 @@ class Case:
     """A structure at its rest, or where the forces are closest to balance, with intermediate results that checks share."""
 
     atoms: Atoms  # the structure at this rest; of a flat layer its motion in the plane
-    system: Any  # argument of the linear tools
+    system: LinearSystem
     pushes: NDArray[np.float64]  # shape (particles,): unbalanced static force on each particle, N
     away: float = 0.0  # in mm, as the check `away`
     closest: float = 1.0  # as the check `contact`
@@ -312,7 +312,8 @@ class Case:
         if self.layer is None:
             return None
         # gyration turns nothing out of the plane
-        structure: Any = LinearSystem.nearest(self.layer, None, 'gyration') if self.listed else self.layer
+        structure = (LinearSystem.nearest(self.layer, None, 'gyration') if self.listed else
+                     LinearSystem.about(self.layer.calc, self.layer))  # pyright: ignore[reportArgumentType]  a Repulsion
         spring, soft = common_support(structure), softest_out_of_plane(structure)
         moving = softest_out_of_plane(structure, spring, weighted=True)
         falls = soft.needed > spring and not on_the_verge(spring, soft.needed)
