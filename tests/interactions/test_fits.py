@@ -213,17 +213,6 @@ def test_a_zero_that_contradicts_what_was_told_is_named():
     assert (fit_forces(table(LAWS['ring'], (8, 40), 2), L0, ERRORS).conflicts < 3).all()
 
 
-def test_what_cannot_be_fitted_is_refused():
-    r = np.linspace(8, 16, 5)
-    with pytest.raises(ValueError, match='5 rows'):
-        fit_forces(Forces(r, 1 / r), L0)
-    r = np.linspace(8, 16, 20)
-    with pytest.raises(ValueError, match='need not fall'):
-        fit_forces(Forces(r, np.random.default_rng(0).normal(1.0, 0.3, 20)), L0)
-    with pytest.raises(ValueError, match='did you mean'):
-        fit_forces(Forces(r, r**-4.0), 10_000.0)
-
-
 def test_the_entry_of_a_scene_is_the_fit():
     fit: Fit = fit_forces(table(LAWS['disc'], (8, 40), 0), L0, ERRORS)
     entry = tomllib.loads(scene_entry(fit))
@@ -339,12 +328,10 @@ def test_a_law_goes_on_falling_where_noise_is_all_there_is():
 
 
 def test_a_law_of_the_family_and_its_derivatives():
-    """By differences, of the law, of its energy and of its parameters."""
+    """By differences, of the law and of its parameters."""
     family, p, r, h = LawFamily(L0), np.array([-1.4, 0.6, 0.8, -0.5]), np.linspace(7, 40, 12), 1e-4
     law, v = FamilyLaw(family, p), np.random.default_rng(0).normal(size=4)
-    assert law.phi(L0) == pytest.approx(0, abs=1e-15)
     change, there = family.change(law, v), [FamilyLaw(family, p + way * h * v) for way in (1, -1)]
-    np.testing.assert_allclose((law.phi(r + h) - law.phi(r - h)) / (2 * h), law.dphi(r), rtol=1e-7)
     np.testing.assert_allclose((law.dphi(r + h) - law.dphi(r - h)) / (2 * h), law.d2phi(r), rtol=1e-7)
     for name in ('dphi', 'd2phi'):
         by_difference = np.subtract(*(getattr(one, name)(r) for one in there)) / (2 * h)
