@@ -350,7 +350,7 @@ class Blocks:
         longest = int(np.ptp(self._runs, axis=1).max())
         room = self._pad + longest * -(-self._pad // longest)
         self._pulls = [aligned_zeros((columns, self.calc.dim, room), dtype) for _ in range(self._threads)]
-        if self._alike and layout.offset is not None:
+        if self._alike:
             R, unit, g = (x.astype(dtype) for x in (layout.R[self._first].T, 1 / law.r0**2, law.g))
             strength, mine = each(np.ones(len(layout.i))), self._at[self._mobile[:, 0]]
             if all(row[mine].all() and row[mine - offset].all() for row, offset in zip(strength, layout.offset, strict=True)):

@@ -72,8 +72,6 @@ class Layout:
     def columns(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
         """A column for both directions of all bonds, in which no slot has two; the slot, and the slot of its neighbour."""
         near, far = np.concatenate([self.i, self.j]), np.concatenate([self.j, self.i])
-        if self.offset is not None:
-            return np.concatenate([2 * self.group, 2 * self.group + 1]), near, far
         order, column = np.argsort(near, kind='stable'), np.empty(len(near), int)
         column[order] = np.arange(len(near)) - np.searchsorted(near[order], near[order])
         return column, near, far
@@ -99,7 +97,7 @@ def arrange(atoms: Atoms, bonds: Bonds, dim: int) -> Layout:
     return _between(slot, other, i, j, R)
 
 
-def _between(slot, bond, i, j, R, **grid):
+def _between(slot, bond, i, j, R):
     """The layout of particles in slots; each bond gets its lower slot first."""
     i, j = (slot[end].astype(np.int32) for end in (i, j))
     if (backward := j < i).any():
@@ -114,14 +112,10 @@ def _grid(slot, bond, i, j, R):
         return None
     found = _between(slot, bond, i, j, R)
     offsets = found.j - found.i
-    offset, left = [], offsets
-    while len(left) and len(offset) * len(slot) <= GRID_COST * len(i):
-        offset.append(int(left[0]))
-        left = left[left != left[0]]
-    offset = np.sort(np.array(offset))
-    group = np.searchsorted(offset, offsets)
-    if len(left) or len(offset) * len(slot) > GRID_COST * len(i) or not offset[0]:
+    offset = np.unique(offsets).astype(int)
+    if len(offset) * len(slot) > GRID_COST * len(i) or not offset[0]:
         return None
+    group = np.searchsorted(offset, offsets)
     pairs = group * found.length + found.i
     if np.bincount(pairs).max() > 1:
         return None
