@@ -230,11 +230,11 @@ class Structure:
         """The structure with other parts, as a function of how far its particles have moved from their feet."""
         calc, frame, (n, dim) = self.calc, self.frame, self.shape
         i, j, strength = calc.bonds.i, calc.bonds.j, np.broadcast_to(parts.strength, n)
-        law: Any = Central(steeper(force_change(self.law, parts.force * strength[i] * strength[j]), parts.exponent, self.kept))
+        law: Any = steeper(force_change(self.law, parts.force * strength[i] * strength[j]), parts.exponent, self.kept)
         unbent = calc.bond_vectors + (parts.spacing - 1) * self.spans + frame.stretch(np.broadcast_to(parts.foot, self.shape))
         k, masses = self.springs * np.broadcast_to(parts.spring, n)[:, None], self.masses * parts.mass
-        return lambda bent: Rest(frame, unbent + frame.stretch(bent), law, k, -k * (calc.slack[:, :dim] + bent), masses, model,
-                                 None, bent)
+        return lambda bent: Rest(frame, unbent + frame.stretch(bent), Central(law), k, -k * (calc.slack[:, :dim] + bent), masses,
+                                 model, None, bent)
 
     def _waves_hold(self, rest):
         """Whether the waves of a periodic cell with q = 0 or 1/2 along each vector are stable."""

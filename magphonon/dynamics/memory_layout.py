@@ -112,14 +112,10 @@ def _grid(slot, bond, i, j, R):
         return None
     found = _between(slot, bond, i, j, R)
     offsets = found.j - found.i
-    offset, left = [], offsets
-    while len(left) and len(offset) * len(slot) <= GRID_COST * len(i):
-        offset.append(int(left[0]))
-        left = left[left != left[0]]
-    offset = np.sort(np.array(offset))
-    group = np.searchsorted(offset, offsets)
-    if len(left) or len(offset) * len(slot) > GRID_COST * len(i) or not offset[0]:
+    offset = np.unique(offsets).astype(int)
+    if len(offset) * len(slot) > GRID_COST * len(i) or not offset[0]:
         return None
+    group = np.searchsorted(offset, offsets)
     pairs = group * found.length + found.i
     if np.bincount(pairs).max() > 1:
         return None

@@ -273,7 +273,7 @@ class LawFamily:
         (ln_g, falls), (by_p, bent) = self.log_law(np.asarray(r)), self.slopes(r)
         return ln_g + by_p @ p, by_p, falls + bent @ p
 
-    def change(self, law: Any, v: Any) -> LawDerivative:
+    def change(self, law: PairLaw, v: Any) -> LawDerivative:
         """Derivative of a law of the family along v, a direction of p."""
         def along(r):
             return [np.reshape(one @ v, np.shape(r)) for one in self.slopes(np.ravel(r))]
@@ -284,10 +284,16 @@ class LawFamily:
 
 @dataclass(frozen=True)
 class FamilyLaw:
-    """The force of a `LawFamily` with the parameters p, and its slope; what is fitted needs no energy."""
+    """The law of a `LawFamily` with the parameters p; its energy is zero at r0."""
 
     family: LawFamily
     p: Any
+
+    def phi(self, r: Any) -> Any:
+        x, weights = np.polynomial.legendre.leggauss(24)
+        half = np.log(np.asarray(r) / self.family.r0) / 2
+        s = self.family.r0 * np.exp(half[..., None] * (1 + x))
+        return half * ((s * self.dphi(s)) @ weights)
 
     def dphi(self, r: Any) -> Any:
         return -np.exp(self.family.curve(self.p, np.ravel(r))[0]).reshape(np.shape(r))

@@ -328,10 +328,12 @@ def test_a_law_goes_on_falling_where_noise_is_all_there_is():
 
 
 def test_a_law_of_the_family_and_its_derivatives():
-    """By differences, of the law and of its parameters."""
+    """By differences, of the law, of its energy and of its parameters."""
     family, p, r, h = LawFamily(L0), np.array([-1.4, 0.6, 0.8, -0.5]), np.linspace(7, 40, 12), 1e-4
     law, v = FamilyLaw(family, p), np.random.default_rng(0).normal(size=4)
+    assert law.phi(L0) == pytest.approx(0, abs=1e-15)
     change, there = family.change(law, v), [FamilyLaw(family, p + way * h * v) for way in (1, -1)]
+    np.testing.assert_allclose((law.phi(r + h) - law.phi(r - h)) / (2 * h), law.dphi(r), rtol=1e-7)
     np.testing.assert_allclose((law.dphi(r + h) - law.dphi(r - h)) / (2 * h), law.d2phi(r), rtol=1e-7)
     for name in ('dphi', 'd2phi'):
         by_difference = np.subtract(*(getattr(one, name)(r) for one in there)) / (2 * h)
