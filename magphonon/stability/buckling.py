@@ -100,7 +100,7 @@ def softest_of(atoms: Atoms | LinearSystem, model: Model | None = None, scale: f
 
 
 def _about(atoms: Any) -> LinearSystem:
-    return LinearSystem.about(atoms.calc, atoms) if isinstance(atoms, Atoms) else atoms
+    return LinearSystem.about(atoms.calc, atoms) if isinstance(atoms, Atoms) else atoms  # pyright: ignore[reportArgumentType]
 
 
 def _softest(system, free, added, model, scale=1.0, steps=None):
