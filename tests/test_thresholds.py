@@ -230,7 +230,7 @@ def test_just_what_is_needed_is_the_verge(name, repeat, L0):
         judged = verdict(atoms)
         assert judged.stable == (factor > 1)
         assert judged.case.unstable == (factor < 1)
-        assert (judged.case.grows[0] > 0) == (factor < 1)
+        assert (judged.case.inside.growth > 0) == (factor < 1)
         if factor == 1:
             assert judged['buckling'].verge
             assert 'on the verge of buckling in the plane' in judged.finding('buckling').words

@@ -68,9 +68,9 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
 def _stability(atoms):
     """Whether the foundation or gyration holds the lattice, in words, and whether it buckles."""
     judged = verdict(atoms)
-    if atoms.calc.turning or judged.case.free.count:
+    if atoms.calc.turning or judged.case.inside.free.count:
         found = judged.finding('buckling')
-        return found.words, found.fault and not judged.case.free.count
+        return found.words, found.fault and not judged.case.inside.free.count
     needed, softest = critical_foundation(atoms, 'complete')
     given, needed = _spring_in_plane(atoms), needed / (units.N / units.m)
     place = ' in the plane' if atoms.calc.layer or atoms.calc.dim == 2 else ''

@@ -6,19 +6,22 @@ Each begins with the answer in one line; warnings follow. A `verbose` report has
 from __future__ import annotations
 
 from collections import Counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units as u
 from ..design.least_squares import DETERMINED, FITS, NORMAL
 from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, Fit, SharedErrors
-from ..interactions.force_tables import Forces
 from ..interactions.pair_laws import local_exponent
 from ..scenes.band_fits import ALL, KEYS, NEAREST, TELLS, BandFits
 from ..scenes.frf_fits import UNITS, FrfFits, missing_magnet
 from ..scenes.scene import Scene, toml
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
+
+if TYPE_CHECKING:
+    from ..interactions.force_tables import Forces
 
 FEW, MANY = 10, 4  # with fewer than FEW points, MANY parameters may be wrong by one misread ridge without any sign of it
 TOO_SMALL = 0.5  # root of chi2 per degree of freedom below which the uncertainties look too large

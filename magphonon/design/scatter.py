@@ -291,9 +291,9 @@ def site_slopes(rest: Rest, slope: Slope, at_rest: bool = False) -> dict[str, An
         left = on - frame.gather((rest.K('complete') @ e[..., None])[..., 0]) - rest.springs * w
         foot = rest.springs * w + left - frame.spread(frame.along(left))
         each = each - (rest.pull * e).sum(1)
-    ends = frame.bonds.i, frame.bonds.j  # of a bond to a particle's own image both count
-    sums = [sum(np.bincount(end, part, len(on)) for end in ends) for part in (each.real, each.imag)]
-    strengths = sums[0] + 1j * sums[1] if np.iscomplexobj(each) else sums[0]
+    strengths = np.zeros(len(on), each.dtype)
+    for ends in (frame.bonds.i, frame.bonds.j):  # of a bond to a particle's own image both count
+        np.add.at(strengths, ends, each)
     return {'mass': slope.masses, 'strength': strengths, 'spring': rest.springs * slope.springs + rest.spring_forces * w,
             'foot': foot}
 

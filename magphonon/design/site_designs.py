@@ -230,11 +230,11 @@ class Structure:
         """The structure with other parts, as a function of how far its particles have moved from their feet."""
         calc, frame, (n, dim) = self.calc, self.frame, self.shape
         i, j, strength = calc.bonds.i, calc.bonds.j, np.broadcast_to(parts.strength, n)
-        law: Any = Central(steeper(force_change(self.law, parts.force * strength[i] * strength[j]), parts.exponent, self.kept))
+        law: Any = steeper(force_change(self.law, parts.force * strength[i] * strength[j]), parts.exponent, self.kept)
         unbent = calc.bond_vectors + (parts.spacing - 1) * self.spans + frame.stretch(np.broadcast_to(parts.foot, self.shape))
         k, masses = self.springs * np.broadcast_to(parts.spring, n)[:, None], self.masses * parts.mass
-        return lambda bent: Rest(frame, unbent + frame.stretch(bent), law, k, -k * (calc.slack[:, :dim] + bent), masses, model,
-                                 None, bent)
+        return lambda bent: Rest(frame, unbent + frame.stretch(bent), Central(law), k, -k * (calc.slack[:, :dim] + bent), masses,
+                                 model, None, bent)
 
     def _waves_hold(self, rest):
         """Whether the waves of a periodic cell with q = 0 or 1/2 along each vector are stable."""
@@ -304,13 +304,10 @@ class Variables:
         if (structure.masses[self.sites] <= rod_mass).any():
             raise ValueError(f'rod_mass is the moving mass of one rod, {rod_mass:g} g, which the masses of the sites include, '
                              f'the lightest with {structure.masses[self.sites].min():g} g; give each site the mass of both')
-        self._slices, self.low, self.high = {}, np.zeros(0), np.zeros(0)
-        for name, bounds in over.items():
-            low, high = self._bounds(name, bounds)
-            size = len(self.sites) * (dim if name == 'foot' else 1)
-            self._slices[name] = slice(len(self.low), len(self.low) + size)
-            self.low, self.high = np.append(self.low, np.full(size, low)), np.append(self.high, np.full(size, high))
-        self.middle, self.half = (self.high + self.low) / 2, (self.high - self.low) / 2
+        sizes = [len(self.sites) * (dim if name == 'foot' else 1) for name in over]
+        bounds = np.repeat([self._bounds(*one) for one in over.items()], sizes, axis=0)
+        self.middle, self.half = bounds.mean(axis=1), np.ptp(bounds, axis=1) / 2
+        self._slices = {name: slice(end - size, end) for name, size, end in zip(over, sizes, np.cumsum(sizes), strict=True)}
         self.grades = {name: self._graded(name, factors) for name, factors in (parts or {}).items()}
 
     def _bounds(self, name, bounds):
@@ -337,7 +334,7 @@ class Variables:
         return np.clip(x[abs(x) <= 1 + AT_BOUND], -1, 1)
 
     def __len__(self) -> int:
-        return len(self.low)
+        return len(self.middle)
 
     @property
     def present(self) -> NDArray[np.float64]:

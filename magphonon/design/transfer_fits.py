@@ -103,19 +103,17 @@ class TransferFit(ParameterFit):
         return super().freedom - len(self.sites)
 
 
-def responses(built: ParametricLattice, functions: Sequence[TransferFunction], widened: float = 0.0) -> NDArray[np.complex128]:
+def responses(built: ParametricLattice, functions: Sequence[TransferFunction]) -> NDArray[np.complex128]:
     """Responses of a lattice for all functions, one after the other, in mm/N or per displacement of the bench.
 
-    Each function has the Dof where it is seen, and the Dof of its force or the direction in which the bench is shaken;
-    `widened` is an additional damping in 1/ms.
+    Each function has the Dof where it is seen, and the Dof of its force or the direction in which the bench is shaken.
     """
     omega, where = _frequencies(functions)
     seen = np.unique([_place(one).particle for one in functions])
 
     @lru_cache
     def under(push):
-        return frequency_response(built.system, np.frombuffer(push).reshape(-1, 3), omega, built.damping + widened, seen,
-                                  ACCURATE).response
+        return frequency_response(built.system, np.frombuffer(push).reshape(-1, 3), omega, built.damping, seen, ACCURATE).response
 
     found = []
     for one, k in zip(functions, where, strict=True):
@@ -138,7 +136,7 @@ class Solved(NamedTuple):
 
 
 def solved(built: ParametricLattice, functions: Sequence[TransferFunction], widened: float = 0.0) -> tuple[Any, list[Solved]]:
-    """A basis of displacements, shape (particles * dim, basis), and each function in it; `widened` as in `responses`."""
+    """A basis of displacements, shape (particles * dim, basis), and each function in it, with `widened` more damping in 1/ms."""
     system, dim = built.system, built.system.dim
     omega, where = _frequencies(functions)
     ends = [(_place(one).force(len(system)), _push(system, one.drive)) for one in functions]

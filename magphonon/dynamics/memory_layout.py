@@ -72,15 +72,9 @@ class Layout:
     def columns(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
         """A column for both directions of all bonds, in which no slot has two; the slot, and the slot of its neighbour."""
         near, far = np.concatenate([self.i, self.j]), np.concatenate([self.j, self.i])
-        if self.offset is not None:
-            return np.concatenate([2 * self.group, 2 * self.group + 1]), near, far
         order, column = np.argsort(near, kind='stable'), np.empty(len(near), int)
         column[order] = np.arange(len(near)) - np.searchsorted(near[order], near[order])
         return column, near, far
-
-    def gather(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Values of the particles, shape (..., particles), from those of the slots, shape (..., length)."""
-        return values[..., self.slot]
 
 
 def arrange(atoms: Atoms, bonds: Bonds, dim: int) -> Layout:
@@ -103,7 +97,7 @@ def arrange(atoms: Atoms, bonds: Bonds, dim: int) -> Layout:
     return _between(slot, other, i, j, R)
 
 
-def _between(slot, bond, i, j, R, **grid):
+def _between(slot, bond, i, j, R):
     """The layout of particles in slots; each bond gets its lower slot first."""
     i, j = (slot[end].astype(np.int32) for end in (i, j))
     if (backward := j < i).any():
@@ -118,14 +112,10 @@ def _grid(slot, bond, i, j, R):
         return None
     found = _between(slot, bond, i, j, R)
     offsets = found.j - found.i
-    offset, left = [], offsets
-    while len(left) and len(offset) * len(slot) <= GRID_COST * len(i):
-        offset.append(int(left[0]))
-        left = left[left != left[0]]
-    offset = np.sort(np.array(offset))
-    group = np.searchsorted(offset, offsets)
-    if len(left) or len(offset) * len(slot) > GRID_COST * len(i) or not offset[0]:
+    offset = np.unique(offsets).astype(int)
+    if len(offset) * len(slot) > GRID_COST * len(i) or not offset[0]:
         return None
+    group = np.searchsorted(offset, offsets)
     pairs = group * found.length + found.i
     if np.bincount(pairs).max() > 1:
         return None
@@ -148,9 +138,13 @@ def _sites_found(X, i, j, R):
     places = _places(X, base)
     if places is None or (places[j] - places[i] != steps).any():
         return None
-    one = np.eye(X.shape[1])  # with other base vectors a patch may fill its parallelogram better
-    skews = [one, *(one + n * np.outer(a, b) for n in (1, -1) for a in one for b in one if a is not b and a @ b == 0)]
-    return min((_numbered(places @ skew, steps @ skew) for skew in skews), key=lambda sites: sites.max())
+    return min((_numbered(places @ skew, steps @ skew) for skew in _skews(X.shape[1])), key=lambda sites: sites.max())
+
+
+def _skews(dim):
+    """Changes of the base vectors, with which a patch may fill its parallelogram better."""
+    one = np.eye(dim)
+    return [one, *(one + n * np.outer(a, b) for n in (1, -1) for a in one for b in one if a @ b == 0)]
 
 
 def _base_vectors(R):

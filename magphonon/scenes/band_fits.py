@@ -12,7 +12,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,16 +25,17 @@ from ..design.least_squares import mixed_interval, weights_of
 from ..design.sensitivities import LawDerivative, StiffnessDerivative, force_change
 from ..errors import one_of
 from ..interactions.fits import EXPONENT as CENTRE, RATES, FamilyLaw, LawFamily
-from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion
 from ..lattices.bonds import bonds_within
 from ..stiffness.matrices import MODELS, Model
-from ..waves.ridge_tables import RidgePoints
 from .fields import unit_of
 from .laws import KINDS, TableLaw
-from .scene import Scene
 from .structures import FileLattice
 from .tolerances import LARGEST_TOLERANCE, exponent_at
+
+if TYPE_CHECKING:
+    from ..waves.ridge_tables import RidgePoints
+    from .scene import Scene
 
 PLACES = {
     'mass': ('lattice', 'mass_kg'),
@@ -301,7 +302,6 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     names = free_names(have, fixed, priors)
     if not names:
         raise ValueError('all parameters are fixed; leave one of them free')
-    scene = of_remanence(scene)
     own, _ = _divided(points, without)
     _refuse_two_springs(own, [name for name in names if name not in priors])
     near = scene.with_shells(1).perfect_cell()
@@ -348,7 +348,7 @@ def _all_neighbours(cell):
     return Shells(atoms, reach)
 
 
-def _built(scene, factors):
+def _built(scene, factors) -> tuple[Any, ...]:
     """Law and springs of a scene with its parameters multiplied by `factors`, and the change of stiffness by each of them."""
     there = with_factors(scene, factors)
     law, changes = _bent(there, factors) if BENDS[0] in factors else (there.law.potential(), {})
@@ -406,11 +406,11 @@ def value_of(scene: Scene, name: str) -> float:
                  else getattr(scene.law, PLACES[name][-1]))
 
 
-def of_remanence(scene: Scene) -> Scene:
+def _of_remanence(scene):
     """The scene with the remanence of its magnets in teslas instead of their grade, because a fit varies it."""
     if scene.law.kind != 'magnets' or not scene.law.grade:
         return scene
-    strength = {'grade': None, 'remanence_T': grade_remanence(scene.law.grade) / u.T}
+    strength = {'grade': None, 'remanence_T': scene.law.remanence / u.T}
     return scene.model_copy(update={'law': scene.law.model_copy(update=strength)})
 
 
@@ -441,6 +441,7 @@ def bond_powers(scene: Scene, names: Sequence[str]) -> NDArray[np.float64]:
 
 def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:
     """The scene with its force at the spacing, its shape and its foundation multiplied by `factors`."""
+    scene = _of_remanence(scene)
     L = scene.lattice.spacing_m * u.m
     strength = FITTED[scene.law.kind].strength
     power = FITTED[scene.law.kind].parameters[strength].power

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase import Atoms
@@ -19,13 +20,15 @@ from ..design.site_unknowns import with_site_unknowns
 from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer, responses, roughly_left
 from ..errors import PhysicsError, not_negative, one_of
 from ..response.frf import Dof
-from ..response.transfer_functions import TransferFunction
 from ..stiffness.matrices import MODELS, Model
 from ..stiffness.rest import LinearSystem, freedom
 from . import band_fits
 from .plans import Pick
-from .scene import Scene
 from .structures import Defects
+
+if TYPE_CHECKING:
+    from ..response.transfer_functions import TransferFunction
+    from .scene import Scene
 
 UNITS = band_fits.UNITS | {'damping': '1/s', 'mass': 'kg', 'gain': ''}
 KEYS = band_fits.KEYS | {'damping_per_s': 'damping', 'mass_kg': 'mass'}
@@ -162,7 +165,7 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     if scene.cell().has('relative_damping'):
         raise ValueError('lattice.file has the column relative_damping, but a fit of transfer functions supports only one '
                          'damping for all particles; remove the column')
-    scene = band_fits.of_remanence(scene.counted())
+    scene = scene.counted()
     names = band_fits.free_names(have, fixed, priors, ('mass',))
     if not_negative('gain_sigma', gain_sigma):
         names, priors['gain'] = (*names, 'gain'), (1.0, gain_sigma)
@@ -183,8 +186,8 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
 
 def _relative_priors(scene, priors, fixed=()):
     """The priors, as factors of the present values and relative standard uncertainties."""
-    return {name: prior if name == 'gain' else band_fits.relative_prior(name, value_of(scene, name), *prior, fixed)
-            for name, prior in priors.items()}
+    return {name: (value, sigma) if name == 'gain' else
+            band_fits.relative_prior(name, value_of(scene, name), value, sigma, fixed) for name, (value, sigma) in priors.items()}
 
 
 def _refuse_copies(functions):
@@ -332,9 +335,8 @@ def _built(scene, model, factors):
 
 
 def _with(scene, factors):
-    lattice = {name: factor for name, factor in factors.items() if name not in ('damping', 'gain')}
     frf = scene.frf.model_copy(update={'damping_per_s': scene.frf.damping_per_s * factors.get('damping', 1.0)})
-    return band_fits.with_factors(scene, lattice).model_copy(update={'frf': frf})
+    return band_fits.with_factors(scene, factors).model_copy(update={'frf': frf})
 
 
 def value_of(scene: Scene, name: str) -> float:

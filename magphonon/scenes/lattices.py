@@ -4,7 +4,7 @@ support its particles, and the finite patch that waves cross.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 from ase import Atoms
@@ -14,8 +14,6 @@ from pydantic import Field, model_validator
 
 from .. import lattices, units as u
 from ..bands.bands import band_path
-from ..interactions.bond_laws import Law
-from ..interactions.pair_laws import PairLaw
 from ..interactions.upright import UprightMagnets
 from .fields import (
     Count,
@@ -33,6 +31,10 @@ from .fields import (
     within,
 )
 from .structures import FileLattice
+
+if TYPE_CHECKING:
+    from ..interactions.bond_laws import Law
+    from ..interactions.pair_laws import PairLaw
 
 LatticeKind = Literal['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc']
 KINDS = (*get_args(LatticeKind), 'oscillator', 'file')

@@ -205,10 +205,15 @@ class MagnetsLaw(PairLawTable):
             raise ValueError(f' has {"neither" if self.grade is None else "both"} of grade and remanence_T; give one of them')
         super().check()
 
+    @property
+    def remanence(self) -> float:
+        """Remanence in N/(A mm)."""
+        return self.remanence_T * u.T if self.grade is None else grade_remanence(self.grade)  # pyright: ignore[reportOptionalOperand]  one is given
+
     def magnet(self) -> Cuboid | Ring:
         """The magnet, a `Ring` or `Cuboid` in mm."""
         shape: Any = self.ring or self.cuboid
-        return shape.magnet(self.remanence_T * u.T if self.grade is None else grade_remanence(self.grade))  # pyright: ignore[reportOptionalOperand]  one is given
+        return shape.magnet(self.remanence)
 
     def potential(self) -> PairLaw:
         return magnet_law(self.magnet())

@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from .. import units as u
 from ..errors import one_of
 from ..response.frf import Dof
-from ..stiffness.rest import LinearSystem, freedom
+from ..stiffness.rest import LinearSystem
 from ..waves.ridge_tables import DRIVEN
 from .fields import (
     Angle,
@@ -34,6 +34,7 @@ from .fields import (
     Text,
     within,
 )
+from .structures import nearest_site
 
 if TYPE_CHECKING:
     from ..waves.wave_source import Burst, BurstRecord, BurstSetup
@@ -74,14 +75,8 @@ class Pick(Table):
 
     def of(self, patch: Atoms) -> Dof:
         """The Dof in a patch: the particle nearest to the position, and the unit vector of the direction."""
-        distance = np.linalg.norm(patch.positions[:, :2] - np.array(self.at_m) * u.m, axis=1)
-        particle, angle = distance.argmin(), self.direction_deg * u.deg
-        x, y = patch.positions[particle, :2] / u.m
-        if distance[particle] > patch.calc.bonds.lengths.min():
-            raise ValueError(f'.at_m = {list(self.at_m)} is outside the patch; the nearest particle is at [{x:.6g}, {y:.6g}]')
-        if not freedom(patch)[0][particle]:
-            raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; move it inside')
-        return Dof(int(particle), np.array([np.cos(angle), np.sin(angle), 0]))
+        angle = self.direction_deg * u.deg
+        return Dof(nearest_site('.at_m', patch, self.at_m), np.array([np.cos(angle), np.sin(angle), 0]))
 
 
 class FrfPlan(Damped):

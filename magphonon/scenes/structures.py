@@ -283,8 +283,9 @@ class Defects(Table):
 
     def applied(self, atoms: Atoms) -> Atoms:
         """The structure with these defects, not yet at rest."""
-        missing = [_site(f'vacancies_m[{k}]', atoms, place) for k, place in enumerate(self.vacancies_m)]
-        others = [_site(f'substitutions[{k}].at_m', atoms, guest.at_m) for k, guest in enumerate(self.substitutions)]
+        missing = [nearest_site(f'defects.vacancies_m[{k}]', atoms, place) for k, place in enumerate(self.vacancies_m)]
+        others = [nearest_site(f'defects.substitutions[{k}].at_m', atoms, guest.at_m)
+                  for k, guest in enumerate(self.substitutions)]
         sites = missing + others
         for k in {site for site in sites if sites.count(site) > 1}:
             x, y = atoms.positions[k, :2] / u.m
@@ -296,18 +297,19 @@ class Defects(Table):
     def places(self, atoms: Atoms) -> NDArray[np.float64]:
         """Positions of the defects in the perfect structure `atoms` in mm, shape (defects, 2)."""
         hosts = [*self.vacancies_m, *(guest.at_m for guest in self.substitutions)]
-        return np.array([atoms.positions[_site('', atoms, place), :2] for place in hosts])
+        return np.array([atoms.positions[nearest_site('', atoms, place), :2] for place in hosts])
 
 
-def _site(key: str, atoms: Atoms, place: tuple[float, float]) -> int:
+def nearest_site(key: str, atoms: Atoms, place: tuple[float, float]) -> int:
+    """The particle nearest to a place [x, y] in m; ValueError, which names the `key`, if it is held or the place is outside."""
     away = atoms.positions - np.array([*place, 0]) * u.m
     away[:, 2] = 0
     distances = find_mic(away, atoms.cell, atoms.pbc)[1]  # pyright: ignore[reportArgumentType]  three pbc
     nearest = int(np.argmin(distances))
     x, y = atoms.positions[nearest, :2] / u.m
     if distances[nearest] > atoms.calc.bonds.lengths.min():
-        raise ValueError(f'defects.{key} = {list(place)} is outside the structure; the nearest particle is at [{x:.6g}, {y:.6g}]')
+        raise ValueError(f'{key} = {list(place)} is outside the structure; the nearest particle is at [{x:.6g}, {y:.6g}]')
     if not freedom(atoms)[0][nearest]:
-        raise ValueError(f'defects.{key} = {list(place)} is nearest to the held particle at [{x:.6g}, {y:.6g}]; '
+        raise ValueError(f'{key} = {list(place)} is nearest to the held particle at [{x:.6g}, {y:.6g}]; '
                          'choose a place further inside')
     return nearest

@@ -62,19 +62,16 @@ class SoftMode:
 
 
 def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, structure: Atoms, foundation: Foundation = 0.0,
-            masses: NDArray[np.float64] | None = None, steps: int | None = None) -> SoftMode:
+            steps: int | None = None) -> SoftMode:
     """Softest mode over the zone of a periodic cell, or of a finite structure.
 
     For a periodic cell of more than 200 degrees of freedom only waves with q = 0 or 1/2 along each vector are examined; another
-    wave may be softer.  `K`, shape (bonds, components, components), is the stiffness of each bond and `foundation` that of the
-    springs in N/mm; `free` are the directions that the constraints leave free (`LinearSystem.free`).  With `masses` eigenvalues
-    are squared frequencies.  `steps` along each reciprocal vector that are multiples of 6 meet M and K of the hexagonal lattices;
-    by default 48 for one particle per cell, 24 in space, and fewer for larger cells, whose zone is smaller.  Minima between them
-    are found too, see `softest_wave`.
+    wave may be softer. `K`, shape (bonds, components, components), is the stiffness of each bond and `foundation` that of the
+    springs in N/mm; `free` are the directions that the constraints leave free (`LinearSystem.free`).  With `LinearSystem.shapes`
+    in their place eigenvalues are squared frequencies. `steps` along each reciprocal vector that are multiples of 6 meet M and K
+    of the hexagonal lattices; by default 48 for one particle per cell, 24 in space, and fewer for larger cells, whose zone is
+    smaller. Minima between them are found too, see `softest_wave`.
     """
-    if masses is not None:
-        root: Any = sparse.diags_array(1 / np.sqrt(np.repeat(masses, K.shape[1])))
-        free = root @ free
     pbc = structure.pbc
     if not pbc.any() or free.shape[1] > DENSE:
         edges = np.array(list(product(*((0.0, 0.5) if along else (0.0,) for along in pbc))))
@@ -82,13 +79,12 @@ def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, struct
         softest = min(range(len(found)), key=lambda n: found[n][0])
         return SoftMode(found[softest][0], max(highest for _, highest, _ in found), edges[softest])
     P = free.toarray()
-    return _over_zone(lambda q: P.T @ bloch_matrix(bonds, K, q, foundation) @ P, structure.cell.array, pbc,
-                      bonds.particles, steps)
+    return _over_zone(lambda q: P.T @ bloch_matrix(bonds, K, q, foundation) @ P, structure, steps)
 
 
-def _over_zone(matrix, cell, pbc, particles, steps):
-    steps = whole('steps', steps) if steps is not None else 6 * int(np.ceil((4 if np.all(pbc) else 8) / np.sqrt(particles)))
-    return SoftMode(*softest_wave(matrix, cell, pbc, steps))
+def _over_zone(matrix, cell, steps):
+    steps = whole('steps', steps) if steps is not None else 6 * int(np.ceil((4 if np.all(cell.pbc) else 8) / np.sqrt(len(cell))))
+    return SoftMode(*softest_wave(matrix, cell.cell.array, cell.pbc, steps))
 
 
 @takes('all neighbours', *LIKE)
@@ -99,14 +95,22 @@ def softest_of(atoms: Atoms | LinearSystem, model: Model | None = None, scale: f
     The part of the foundation that is common to all particles, `common_spring`, is replaced by `foundation` in N/mm; the
     additional stiffness of stiffer springs is kept.  If `weighted`, eigenvalues are squared frequencies.
     """
-    if isinstance(atoms, Atoms):
-        if not atoms.calc.pairwise:
-            return _softest_of_sums(atoms, model, foundation, weighted, steps)
-        atoms = LinearSystem.about(atoms.calc, atoms)  # pyright: ignore[reportArgumentType]  it is pairwise
-    calc, cell = atoms.calc, atoms.atoms
-    K = model_stiffness(scale * calc.bond_vectors, calc.interaction, model or calc.model)
-    added = foundation - common_spring(atoms)
-    return softest(calc.bonds, K, atoms.free, cell, calc.foundation + added, atoms.masses if weighted else None, steps)
+    system = _about(atoms)
+    return _softest(system, system.shapes if weighted else system.free, foundation - common_spring(system), model, scale, steps)
+
+
+def _about(atoms: Any) -> LinearSystem:
+    return LinearSystem.about(atoms.calc, atoms) if isinstance(atoms, Atoms) else atoms  # pyright: ignore[reportArgumentType]
+
+
+def _softest(system, free, added, model, scale=1.0, steps=None):
+    """The softest mode along directions, with a stiffness added to all springs; sums are known at the present spacing only."""
+    calc = system.atoms.calc
+    if calc.pairwise:
+        K = model_stiffness(scale * calc.bond_vectors, calc.interaction, model or calc.model)
+        return softest(calc.bonds, K, free, system.atoms, calc.foundation + added, steps)
+    P, springs = free.toarray(), added * np.eye(free.shape[0])
+    return _over_zone(lambda q: P.T @ (calc.bloch_matrix(q, model) + springs) @ P, system.atoms, steps or _steps(calc))
 
 
 def on_the_verge(spring: float, needed: float) -> bool:
@@ -128,21 +132,18 @@ def fastest_growth(system: LinearSystem) -> tuple[float, NDArray[np.float64]]:
 
 def common_spring(atoms: Atoms | LinearSystem) -> float:
     """Stiffness of the softest spring of all free particles in N/mm."""
-    return _softest_spring(atoms, np.broadcast_to(atoms.calc.foundation, (len(atoms), atoms.calc.dim)))
+    return _softest_spring(atoms, slice(None))
 
 
-def _softest_spring(atoms, springs):
-    mobile = freedom(atoms if isinstance(atoms, Atoms) else atoms.atoms)[0]
+def common_support(atoms: Atoms | LinearSystem) -> float:
+    """Stiffness along z of the softest support of all free particles of a layer, in N/mm."""
+    return _softest_spring(atoms, 2)
+
+
+def _softest_spring(atoms, components):
+    atoms = atoms if isinstance(atoms, Atoms) else atoms.atoms
+    springs, mobile = np.broadcast_to(atoms.calc.foundation, (len(atoms), atoms.calc.dim))[:, components], freedom(atoms)[0]
     return float(springs[mobile if mobile.any() else ~mobile].min())
-
-
-def _softest_of_sums(atoms, model, foundation, weighted, steps):
-    """The softest mode of a cell with AllNeighbours, whose sums are known only at the present spacing."""
-    calc = atoms.calc
-    root = np.repeat(1 / np.sqrt(atoms.get_masses()) if weighted else np.ones(len(atoms)), calc.dim)
-    weights, other = root * root[:, None], np.eye(len(root)) * (foundation - common_spring(atoms))
-    steps = _steps_of_sums(calc) if steps is None else steps
-    return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights, atoms.cell.array, atoms.pbc, len(atoms), steps)
 
 
 def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, weighted: bool = False) -> SoftMode:
@@ -151,15 +152,9 @@ def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, w
     `foundation` in N/mm replaces the stiffness that the supports of all particles have in common, `common_support`.
     If `weighted`, eigenvalues are squared frequencies.
     """
-    calc, other = atoms.calc, foundation - common_support(atoms)
-    if isinstance(atoms, LinearSystem):
-        masses, cell = atoms.masses if weighted else None, atoms.atoms
-        K = calc.rest_stiffness('complete')
-        return softest(calc.bonds, K, atoms.free[:, z_of(atoms)], cell, calc.foundation + other, masses)
-    root = 1 / np.sqrt(atoms.get_masses()) if weighted else np.ones(len(atoms))
-    springs, weights = other * np.eye(len(root)), root * root[:, None]
-    return _over_zone(lambda q: (calc.bloch_matrix(q, 'complete')[:, 2::3, 2::3] + springs) * weights, atoms.cell.array,
-                      atoms.pbc, len(atoms), _steps_of_sums(calc))
+    system = _about(atoms)
+    upwards = (system.shapes if weighted else system.free)[:, z_of(system)]
+    return _softest(system, upwards, foundation - common_support(system), 'complete')
 
 
 def z_of(layer: LinearSystem) -> NDArray[np.int_]:
@@ -180,30 +175,16 @@ def flat_layer(atoms: Atoms) -> bool:
     return max(np.ptp(z) for z in heights) <= FLAT * calc.bonds.lengths.min()
 
 
-def common_support(atoms: Atoms | LinearSystem) -> float:
-    """Stiffness along z of the softest support of all free particles of a layer, in N/mm."""
-    return _softest_spring(atoms, np.broadcast_to(atoms.calc.foundation, (len(atoms), 3))[:, 2])
-
-
-def highest_squared(atoms: Atoms | LinearSystem) -> float:
-    """Highest squared frequency in rad^2/ms^2 over the zone of a periodic cell, with the model and foundation of its calculator.
-
-    Atoms are accepted only with AllNeighbours; otherwise pass a LinearSystem.
-    """
-    calc = atoms.calc
-    if isinstance(atoms, LinearSystem):
-        cell, S, steps = atoms.atoms, atoms.shapes.toarray(), None
-    else:
-        cell, S, steps = atoms, np.diag(np.repeat(1 / np.sqrt(atoms.get_masses()), calc.dim)), _steps_of_sums(calc)
+def highest_squared(system: LinearSystem) -> float:
+    """Highest squared frequency in rad^2/ms^2 over the zone of a periodic cell, with the model of its calculator."""
+    calc: Any = system.atoms.calc
     # the search for a minimum handles saddles and finds minima between mesh points, so the sign is changed
-    def downwards(q):
-        return -(S.T @ calc.bloch_matrix(q, calc.model) @ S)
-
-    return -_over_zone(downwards, cell.cell.array, cell.pbc, len(cell), steps).lowest
+    return -_over_zone(lambda q: -system.bloch(q, calc.model), system.atoms, _steps(calc)).lowest
 
 
-def _steps_of_sums(calc):
-    return 24 if calc.dim == 2 else 8  # because these cells take long
+def _steps(calc):
+    """Wavevectors along each reciprocal vector; fewer with AllNeighbours, whose matrices take long."""
+    return None if calc.pairwise else 24 if calc.dim == 2 else 8
 
 
 class CriticalFoundation(NamedTuple):
@@ -257,10 +238,7 @@ def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None,
         atoms.calc = layer.calc.in_plane()
     if isinstance(atoms, Atoms) and isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:
         refuse(atoms, all_but('critical_foundation with AllNeighbours', 'constraints'))
-        settled = LinearSystem.of(atoms).atoms  # its sums have no bonds
-    else:
-        settled = LinearSystem.of(atoms).moving()
-    found = softest_of(settled, model, steps=steps)
+    found = softest_of(LinearSystem.of(atoms).moving(), model, steps=steps)
     return CriticalFoundation(found.needed, found.q)
 
 
@@ -316,19 +294,19 @@ def critical_support(system: LinearSystem, magnets: bool) -> tuple[float, float]
     if magnets:
         per_bond = -(calc.law.d2phi(r) + per_bond)
     alone = np.bincount(calc.bonds.i, -per_bond, len(system)) + np.bincount(calc.bonds.j, -per_bond, len(system))
-    return _across(system, per_bond).needed, float(alone[system.mobile].max(initial=0.0))
+    return _across(system, per_bond, np.ones(len(system))).needed, float(alone[system.mobile].max(initial=0.0))
 
 
 def lowest_across(system: LinearSystem) -> float:
     """Lowest frequency of planar particles out of their plane without supports, by the tension of bonds, rad/ms."""
     r = system.calc.bonds.lengths
-    found = _across(system, system.calc.law.dphi(r) / r, system.masses)
+    found = _across(system, system.calc.law.dphi(r) / r, 1 / np.sqrt(system.masses))
     return float(np.sqrt(max(found.lowest, 0.0))) if found.lowest > ROUND_OFF * found.highest else 0.0
 
 
-def _across(system, per_bond, masses=None):
-    free = sparse.csr_array(sparse.eye_array(len(system)))[:, np.flatnonzero(system.mobile)]
-    return softest(system.calc.bonds, per_bond[:, None, None], free, system.atoms, 0.0, masses)
+def _across(system, per_bond, moved):
+    free = sparse.csr_array(sparse.diags_array(moved))[:, np.flatnonzero(system.mobile)]
+    return softest(system.calc.bonds, per_bond[:, None, None], free, system.atoms)
 
 
 @dataclass(frozen=True, eq=False)

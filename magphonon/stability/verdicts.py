@@ -7,7 +7,7 @@ list.  A function whose finding is never a fault is decorated with `remark` and 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -205,8 +205,8 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) 
     run: dict[str, Any] = {'layer': layer, 'damping': site_damping(damping, len(atoms), atoms.calc)}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
         refuse(atoms, all_but('a verdict with AllNeighbours', 'constraints'))
-        LinearSystem.of(atoms)
-        return Verdict(Case(atoms, atoms, np.zeros(1), **run))
+        system = LinearSystem.of(atoms)
+        return Verdict(Case(system.atoms, system, np.zeros(1), **run))
     calc = repulsion_of(atoms)
     now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
@@ -223,7 +223,7 @@ class Case:
     """A structure at its rest, or where the forces are closest to balance, with intermediate results that checks share."""
 
     atoms: Atoms  # the structure at this rest; of a flat layer its motion in the plane
-    system: Any  # argument of the linear tools
+    system: LinearSystem
     pushes: NDArray[np.float64]  # shape (particles,): unbalanced static force on each particle, N
     away: float = 0.0  # in mm, as the check `away`
     closest: float = 1.0  # as the check `contact`
@@ -276,35 +276,16 @@ class Case:
         return softest_of(self.system, 'complete')
 
     @cached_property
-    def spring(self) -> float:
-        """Stiffness of the softest spring of the foundation, N/mm."""
-        return common_spring(self.system)
-
-    @property
-    def held(self) -> bool:
-        """Whether the foundation holds the structure in its plane, or in space."""
-        return self.softest.needed <= self.spring and not self.verge
-
-    @property
-    def verge(self) -> bool:
-        """Whether the foundation is exactly as stiff as the structure needs, within round-off."""
-        return on_the_verge(self.spring, self.softest.needed) or self.free.count > 0
-
-    @cached_property
-    def free(self) -> FreeMotions:
-        """Motions that cost no energy; none if some wave has negative energy, or if foundation and bonds resist all."""
-        return _free_motions(self.system, self.system.free, self.softest, self.spring) if self.listed else FreeMotions()
-
-    @cached_property
-    def grows(self) -> tuple[float, NDArray[np.float64]]:
-        """Rate of the motion that grows fastest, 1/ms, and its wavevector; zero if the foundation or gyration holds the
-        structure, or if it is on the verge of buckling.
-        """
-        if self.held or self.verge:
-            return 0.0, self.softest.q
+    def inside(self) -> Buckling:
+        """Stability in the plane, or in space; gyration may hold a structure that its foundation does not."""
+        found = _foundation_holds(self.system, self.system.free, self.softest, common_spring(self.system))
+        if found.held or found.verge:
+            return found
         if self.gyrating is not None and not self.large:
-            return fastest_growth(self.gyrating)
-        return float(np.sqrt(-softest_of(self.system, 'complete', foundation=self.spring, weighted=True).lowest)), self.softest.q
+            growth, q = fastest_growth(self.gyrating)
+            return replace(found, growth=growth, softest=q)
+        moving = softest_of(self.system, 'complete', foundation=found.spring, weighted=True)
+        return replace(found, growth=float(np.sqrt(-moving.lowest)))
 
     @cached_property
     def above(self) -> tuple[Buckling, float] | None:
@@ -312,27 +293,29 @@ class Case:
         if self.layer is None:
             return None
         # gyration turns nothing out of the plane
-        structure: Any = LinearSystem.nearest(self.layer, None, 'gyration') if self.listed else self.layer
-        spring, soft = common_support(structure), softest_out_of_plane(structure)
-        moving = softest_out_of_plane(structure, spring, weighted=True)
-        falls = soft.needed > spring and not on_the_verge(spring, soft.needed)
-        growth = float(np.sqrt(-moving.lowest)) if falls else 0.0
-        free = _free_motions(structure, structure.free[:, z_of(structure)], soft, spring) if self.listed else FreeMotions()
-        return Buckling(spring, soft.needed, soft.q, growth, free), float(np.sqrt(max(moving.highest, 0.0)))
+        system = (LinearSystem.nearest(self.layer, None, 'gyration') if self.listed else
+                  LinearSystem.about(self.layer.calc, self.layer))  # pyright: ignore[reportArgumentType]  a Repulsion
+        spring = common_support(system)
+        moving = softest_out_of_plane(system, spring, weighted=True)
+        found = _foundation_holds(system, system.free[:, z_of(system)], softest_out_of_plane(system), spring)
+        if not (found.held or found.verge):
+            found = replace(found, growth=float(np.sqrt(-moving.lowest)))
+        return found, float(np.sqrt(max(moving.highest, 0.0)))
 
     @property
     def stable(self) -> bool:
-        return not (self.verge or self.grows[0]) and (self.above is None or self.above[0].stable)
+        return self.inside.stable and (self.above is None or self.above[0].stable)
 
     @property
     def unstable(self) -> bool:
         """Whether some motion grows; on the verge of buckling a structure is neither stable nor unstable."""
-        return bool(self.grows[0] or (self.above is not None and self.above[0].growth))
+        return bool(self.inside.growth or (self.above is not None and self.above[0].growth))
 
 
-def _free_motions(system, free, soft, spring):
-    """The motions along the directions `free` that cost no energy, if the softest one may be such."""
-    return FreeMotions() if soft.needed or soft.lowest + spring > VERGE * soft.highest else free_motions(system, free, soft.q)
+def _foundation_holds(system, free, soft, spring):
+    """Stability along the directions `free`, whose softest motion is `soft`, before the growth is known."""
+    stiff = soft.needed or soft.lowest + spring > VERGE * soft.highest or not system.atoms.calc.pairwise
+    return Buckling(spring, soft.needed, soft.q, 0.0, FreeMotions() if stiff else free_motions(system, free, soft.q))
 
 
 @dataclass(frozen=True)
@@ -366,6 +349,11 @@ class Buckling:
     def stable(self) -> bool:
         """Whether no motion grows; gyration may hold a structure that its foundation does not. False on the verge of buckling."""
         return not (self.verge or self.growth)
+
+    @property
+    def held(self) -> bool:
+        """Whether the foundation holds the structure, without gyration."""
+        return self.needed <= self.spring and not self.verge
 
     @property
     def verge(self) -> bool:
@@ -421,9 +409,8 @@ def _buckling(case):
     """Stability by the complete model, and whether the structure is too large to search for the spacing at which it ends."""
     search = case.balanced and case.listed and not case.touching
     many = search and case.large > (SPACED if case.finite else 0)
-    scale = 1.0 if case.verge else critical_spacing(case.system) if search and not many else None
-    growth, q = case.grows
-    return Buckling(case.spring, case.softest.needed, q, growth, case.free, scale and scale * case.spacing), many
+    scale = 1.0 if case.inside.verge else critical_spacing(case.system) if search and not many else None
+    return replace(case.inside, spacing=scale and scale * case.spacing), many
 
 
 def _fails(case, found, where):
@@ -447,7 +434,7 @@ def _fails(case, found, where):
 def _holds(case, found, where):
     """Why a structure is stable `where` it moves, in words."""
     spring, needed, at = _spring(case, found), _stiffness(found.needed), found.spacing and f'{found.spacing / u.m:.4g} m'
-    if not case.held:
+    if not found.held:
         return (f'Stable{where} only without losses: without gyration it would need a foundation of {needed} and has {spring}; '
                 'with gyration any damping lets it fall, however slowly.')
     if found.needed:
@@ -492,7 +479,7 @@ def guided(case: Case) -> Finding:
     free.calc = case.calc
     free.set_constraint(fixed)
     needed = softest_of(free, 'complete').needed
-    if not case.stable or needed <= (1 + VERGE) * case.spring:
+    if not case.stable or needed <= (1 + VERGE) * case.inside.spring:
         return Finding(needed)
     return Finding(needed, 'It is stable only because a constraint blocks sideways motion; without the constraint it would need '
                    f'a foundation of {_stiffness(needed)}.')
@@ -508,8 +495,8 @@ def timestep_limit(case: Case) -> Finding:
     system = whole.without_B() if gyrates else whole
     if not waves:
         highest = highest_frequency(whole)
-    elif gyrates and not case.held:  # then gyration counts, and so do the hills
-        lowest = softest_of(case.system, foundation=case.spring, weighted=True).lowest
+    elif gyrates and not case.inside.held:  # then gyration counts, and so do the hills
+        lowest = softest_of(case.system, foundation=case.inside.spring, weighted=True).lowest
         highest = fastest(max(highest_squared(system), -lowest), case.gyrating.turning)
     else:
         highest = np.sqrt(max(highest_squared(system), 0.0))
@@ -520,7 +507,7 @@ def timestep_limit(case: Case) -> Finding:
     if losses < 2 / highest:
         return Finding(losses, f'Time steps up to {u.in_words("s", losses / u.s)} are accepted with this damping, and a third of '
                        f'that is accurate to 0.3 %. Steps up to {u.in_words("s", 2 / highest / u.s)} would still be stable.')
-    of = u.in_words('Hz', u.hertz(highest)) + ' without gyration' * (gyrates and case.held)
+    of = u.in_words('Hz', u.hertz(highest)) + ' without gyration' * (gyrates and case.inside.held)
     return Finding(2 / highest, f'Time steps up to {u.in_words("s", 2 / highest / u.s)} are stable (2/omega_max, with the '
                    f'highest frequency of {of}); a tenth of that is accurate.')
 
@@ -609,7 +596,7 @@ def amplitude(case: Case) -> Finding:
     if case.large and not case.finite:
         return Finding(unjudged='the linear amplitude')
     soft = case.softest
-    if not case.held or (soft.needed and not np.allclose(2 * soft.q, np.round(2 * soft.q))):
+    if not case.inside.held or (soft.needed and not np.allclose(2 * soft.q, np.round(2 * soft.q))):
         return Finding()  # `frequency_shifts` does not contain the softest wave
     found = frequency_shifts(case.system).amplitude(LINEAR_ERROR)
     share = found / case.spacing

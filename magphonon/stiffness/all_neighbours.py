@@ -182,7 +182,7 @@ class AllNeighbours(Repulsion):
         K = self.sums.near_stiffness(x, part)
         if self._nearer is not None:
             D0, Dstar = bond_stiffness(x, self._nearer)
-            K = K + {'all': D0 + Dstar, 'D0': D0, 'Dstar': Dstar}[part]
+            K = K + (D0 if part == 'D0' else D0 + Dstar)
         return strength[:, None, None] * K
 
     def _weighted(self, T):

@@ -40,7 +40,6 @@ from ..interactions.pair_laws import GaussianMixture, InversePower
 REACH = 42.0  # exponent at which both sums are truncated: e^-42 is 6e-19
 _X, _W = np.polynomial.legendre.leggauss(16)
 _PANEL = 1.5  # of log t: with 16 nodes the double exponential exp(-x e^v) is integrated to round-off, without a power of t
-PARTS = ('all', 'D0', 'Dstar')
 
 
 def lattice_sum(lattice: ArrayLike | Atoms, law: float | GaussianMixture, offset: ArrayLike | None = None,
@@ -143,17 +142,14 @@ class EwaldSums:
         return self.decay + 2 > self.d
 
     def mixture(self, part: str) -> tuple[Callable[..., Any] | None, Callable[..., Any]]:
-        """The functions alpha(t), or None where it is zero, and beta(t) of a part of the stiffness."""
+        """The functions alpha(t), or None where it is zero, and beta(t) of the stiffness, 'all' of it or 'D0'."""
         rho, W = self.law.gaussians, self.law.gaussian_moment
-        alpha, beta = {
-            'all': (None, rho),
-            'Dstar': (lambda t: W(t) / t - 2 * t * rho(t), lambda t: W(t) / (2 * t**2)),
-            'D0': (lambda t: 2 * t * rho(t) - W(t) / t, lambda t: rho(t) - W(t) / (2 * t**2)),
-        }[one_of('part', part, PARTS)]
-        if part != 'all' and not self.splits:
+        if one_of('part', part, ('all', 'D0')) == 'all':
+            return None, rho
+        if not self.splits:
             raise ValueError(f'with all neighbours of a law r^-{self.decay:g} in {self.d} dimensions D0 and D* diverge '
                              'separately, and only their sum converges; choose the complete model, or a number of shells')
-        return alpha, beta
+        return lambda t: 2 * t * rho(t) - W(t) / t, lambda t: rho(t) - W(t) / (2 * t**2)
 
     # --- narrow Gaussians, over the lattice --------------------------------------------------------------------------
 
@@ -187,11 +183,6 @@ class EwaldSums:
         k = (q - np.round(q)) @ reciprocal
         reach = 2 * np.sqrt(self.eta2 * REACH) + np.linalg.norm(k, axis=1).max(initial=0)
         return points_within(reciprocal, np.zeros(self.dim), reach) - k[:, None]
-
-    def far_scalar(self, p: NDArray[np.float64], offset: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Contribution of the wide Gaussians to `sum_R phi(R + offset) e^{ik.R}`, shape (wavevectors,)."""
-        wide = WideGaussians(self, (p**2).sum(axis=-1), offset @ self.across @ offset)
-        return (wide.moment(self.law.gaussians, 0) * np.exp(1j * p @ offset)).sum(axis=1)
 
     def far_energy(self, offsets: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Contribution of the wide Gaussians to `sum_R phi(R + offset)` and its gradient, shapes (offsets,), (offsets, dim)."""
@@ -238,7 +229,9 @@ class EwaldSums:
         r = np.linalg.norm(R + offset, axis=1)
         here = r > 1e-12 * self.radius
         phase = np.exp(2j * np.pi * R[here] @ np.linalg.pinv(self.periods) @ q)
-        total = phase @ self.near_energy(r[here])[0] + self.far_scalar(self.waves(q[None]), offset)[0]
+        p = self.waves(q[None])[0]
+        wide = WideGaussians(self, (p**2).sum(axis=1), offset @ self.across @ offset)
+        total = phase @ self.near_energy(r[here])[0] + wide.moment(self.law.gaussians, 0) @ np.exp(1j * p @ offset)
         # the wide Gaussians of the particle at R + offset = 0, if there is one; its phase is e^{ik.R}
         itself = np.exp(2j * np.pi * R[~here] @ np.linalg.pinv(self.periods) @ q).sum()
         return total - itself * self.wide_at_zero()

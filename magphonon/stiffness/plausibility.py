@@ -170,16 +170,11 @@ def site_damping(damping: ArrayLike, particles: int, calc: Any = None) -> NDArra
     if given.shape not in ((), (particles,)):
         raise ValueError(f'damping must be one number or one for each of the {particles} particles, not the shape {given.shape}')
     not_negative('damping', float(given.min(initial=0.0)), '1/ms')
-    warn_of_damping(calc, given)
-    return np.broadcast_to(given, particles)
-
-
-def warn_of_damping(calc: Any, damping: NDArray[np.float64]) -> None:
-    """Warn of damping that was probably typed in 1/s."""
-    least, scale = float(damping.min(initial=np.inf)), _scale(calc)
-    if LOSSY * scale < least < np.inf and damping.max() / units.s < scale:
+    least, scale = float(given.min(initial=np.inf)), _scale(calc)
+    if LOSSY * scale < least < np.inf and given.max() / units.s < scale:
         _warn(f'a damping of {least:.6g} 1/ms lets nothing oscillate',
               f'if {least:.6g} 1/s was meant, give {least:.6g} / units.s')
+    return np.broadcast_to(given, particles)
 
 
 def warn_of_times(calc: Any, last: float, timestep: bool = False) -> None:

@@ -78,7 +78,7 @@ class Relaxation:
     lowest: float
 
     @property
-    def needed(self) -> float:
+    def needed(self) -> bool:
         """Whether relaxation was needed: the forces did not balance, or the equilibrium was unstable."""
         return self.steps > 0
 
@@ -95,7 +95,6 @@ class Relaxation:
             left = f'it is {self.after:.3g} N' if self.after > nothing else 'all forces balance'
             force = f'The largest force on a particle was {self.before:.3g} N before; now {left}'
         return f'The structure {moved}{off}. {force}. The lowest frequency is {lowest:.4g} Hz.'
-
 
 
 @takes(*LINEAR)

@@ -225,10 +225,7 @@ class LinearSystem:
         if not forces.any():
             return np.zeros(len(self))
         calc: Any = self.atoms.calc
-        mobile, guided, barred = self._freedom
-        left = lengths_of(mobile[:, None] * forces)
-        if len(guided):
-            left[guided] = lengths_of(forces[guided] - np.einsum('gxy,gy->gx', barred, forces[guided]))
+        left = lengths_of((self.free @ (self.free.T @ forces.ravel())).reshape(forces.shape))
         shaken = PLACES * max(abs(calc.reference.positions).max(), calc.bonds.lengths.max(initial=0.0))  # in mm
         force, stiffness = self._largest
         return left * (left > max(BALANCED * force, shaken * stiffness))
@@ -251,16 +248,13 @@ class LinearSystem:
         if not self.atoms.constraints:
             return sparse.csr_array((np.ones(n * dim), np.arange(n * dim), np.arange(n * dim + 1)))
         mobile, guided, barred = self._freedom
-        if not len(guided):
-            free = np.repeat(mobile, dim)
-            ends = np.append(0, np.cumsum(free))
-            return sparse.csr_array((np.ones(ends[-1]), np.arange(ends[-1]), ends), shape=(n * dim, ends[-1]))
         blocks = np.zeros((n, dim, dim))
         blocks[mobile] = np.eye(dim)
         for particle, projector in zip(guided, barred, strict=True):
             blocked, along = np.linalg.eigh(projector)
             blocks[particle] = along * (blocked < 0.5)  # the directions that are not blocked
         free = sparse.csr_array(sparse.bsr_array((blocks, np.arange(n), np.arange(n + 1))))
+        free.eliminate_zeros()
         return free[:, np.flatnonzero(abs(free).sum(axis=0))]
 
     @cached_property

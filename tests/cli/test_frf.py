@@ -162,7 +162,7 @@ MISTAKES = {
     'no patch': ('patch', (PATCH.partition('[frf]')[0], ''), 'frf: there is no structure for it; add a table [patch]'),
     'no force': ('patch', (PATCH[PATCH.index('[frf.force]'):PATCH.index('[frf.resp')], ''),
                  "frf needs [frf.response], and either [frf.force] or base_deg"),
-    'on the rim': ('patch', ('at_m = [0.0, 0.0]', 'at_m = [0.02, 0.0]'), 'frf.force.at_m = [0.02, 0.0] is on the held rim'),
+    'on the rim': ('patch', ('at_m = [0.0, 0.0]', 'at_m = [0.02, 0.0]'), 'frf.force.at_m = [0.02, 0.0] is nearest to the held'),
     'outside': ('patch', ('at_m = [0.012, 0.001]', 'at_m = [12, 1]'), 'frf.response.at_m = [12.0, 1.0] is outside'),
 }
 

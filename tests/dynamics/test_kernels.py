@@ -108,9 +108,8 @@ def test_patches_lie_on_a_grid_of_few_offsets(name):
             layout = arrange(cut, MagneticRepulsion(cut, LAW).bonds, 2)
             assert layout.offset is not None, shape
             assert len(layout.offset) <= groups
-            column, near, far = layout.columns()
-            assert len(set(zip(column.tolist(), near.tolist(), strict=True))) == len(near)
-            assert set((far - near).tolist()) == {*layout.offset.tolist(), *(-layout.offset).tolist()}
+            assert len(set(zip(layout.group.tolist(), layout.i.tolist(), strict=True))) == len(layout.i)
+            assert (layout.j - layout.i == layout.offset[layout.group]).all()
 
 
 def in_table(name):

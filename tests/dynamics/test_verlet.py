@@ -171,7 +171,7 @@ def test_balanced_static_forces_leave_nothing(theta0):
 
 
 def test_bytes_of_a_magnet_at_the_peak():
-    """Of a patch with its calculator, forces and a run in blocks: 720 and 750 were measured, 1350 with lists of 64 bits."""
+    """Of a patch with its calculator, forces and a run in blocks: 783 were measured, 1350 with lists of 64 bits."""
     def peak(n):
         tracemalloc.start()
         atoms = patch(n)

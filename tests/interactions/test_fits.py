@@ -213,17 +213,6 @@ def test_a_zero_that_contradicts_what_was_told_is_named():
     assert (fit_forces(table(LAWS['ring'], (8, 40), 2), L0, ERRORS).conflicts < 3).all()
 
 
-def test_what_cannot_be_fitted_is_refused():
-    r = np.linspace(8, 16, 5)
-    with pytest.raises(ValueError, match='5 rows'):
-        fit_forces(Forces(r, 1 / r), L0)
-    r = np.linspace(8, 16, 20)
-    with pytest.raises(ValueError, match='need not fall'):
-        fit_forces(Forces(r, np.random.default_rng(0).normal(1.0, 0.3, 20)), L0)
-    with pytest.raises(ValueError, match='did you mean'):
-        fit_forces(Forces(r, r**-4.0), 10_000.0)
-
-
 def test_the_entry_of_a_scene_is_the_fit():
     fit: Fit = fit_forces(table(LAWS['disc'], (8, 40), 0), L0, ERRORS)
     entry = tomllib.loads(scene_entry(fit))

@@ -247,19 +247,22 @@ def test_what_makes_a_fit_doubtful_is_said_although_it_is_accepted(tmp_path):
     assert 'The table has no column motion: which branch' in said(replace(points, motions=('', '')))
 
 
-@pytest.mark.parametrize(('words', 'message'), [
-    (['--fix', 'force_N,a, foundation'], 'all parameters are fixed'),
-    (['--fix', 'foundation_N_per_m', '--prior', 'foundation=20+-2'], 'foundation is fixed and has a prior'),
-    (['--fix', 'b'], "the fixed parameter must be one of 'force', 'a', 'foundation', not 'b'"),
-    (['--spacing', '0.01'], '--spacing belongs to a fit of forces'),
-    (['--prior', 'force=0.3+-0.1', '--prior', 'force_N=0.2+-0.1'], '--prior names a parameter twice'),
-    (['--prior', 'forces=0.3+-0.1'], "the parameter of --prior must be one of 'force_N', 'a'"),
-    (['--prior', 'force_N=0.3'], 'is not a parameter with its value and standard uncertainty, such as force_N=0.288+-0.01'),
-    (['--without', 'x'], 'the ridge to be omitted must be one of'),
+@pytest.mark.parametrize(('name', 'words', 'message'), [
+    ('', ['--fix', 'force_N,a, foundation'], 'all parameters are fixed'),
+    ('', ['--fix', 'foundation_N_per_m', '--prior', 'foundation=20+-2'], 'foundation is fixed and has a prior'),
+    ('', ['--fix', 'b'], "the fixed parameter must be one of 'force', 'a', 'foundation', not 'b'"),
+    ('', ['--spacing', '0.01'], '--spacing belongs to a fit of forces'),
+    ('', ['--prior', 'force=0.3+-0.1', '--prior', 'force_N=0.2+-0.1'], '--prior names a parameter twice'),
+    ('', ['--prior', 'forces=0.3+-0.1'], "the parameter of --prior must be one of 'force_N', 'a'"),
+    ('', ['--prior', 'force_N=0.3'], 'is not a parameter with its value and standard uncertainty, such as force_N=0.288+-0.01'),
+    ('', ['--without', 'x'], 'the ridge to be omitted must be one of'),
+    ('wigner', [], "law.shells = 'all': the force reaches so far"),
+    ('steel', [], 'law.kind must be one of '), ('oscillator', [], "lattice.kind = 'oscillator'"),
 ])
-def test_wrong_words_are_refused(words, message, experiment, capsys):
+def test_wrong_words_and_scenes_whose_law_is_not_fitted_are_refused(name, words, message, experiment, capsys):
     _, folder = experiment
-    assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(folder / 'my.toml'), *words]) == 2
+    scene = ready_scene(name) if name else folder / 'my.toml'
+    assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(scene), *words]) == 2
     assert message in capsys.readouterr().err
 
 
@@ -280,20 +283,12 @@ def test_tables_that_are_no_ridges_are_refused(spoil, message, experiment, capsy
     assert re.search(message, capsys.readouterr().err)
 
 
-@pytest.mark.parametrize(('name', 'message'), [
-    ('wigner', "law.shells = 'all': the force reaches so far"), ('steel', 'law.kind must be one of '),
-    ('oscillator', "lattice.kind = 'oscillator'"),
-])
-def test_scenes_whose_law_is_not_fitted_are_refused(name, message, experiment, capsys):
-    _, folder = experiment
-    assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(ready_scene(name))]) == 2
-    assert message in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(('law', 'names'), [
     ('kind = "yukawa"\nstrength_J_m = 2e-5\nscreening_length_m = 0.004', ('force', 'screening_length', 'foundation')),
     ('kind = "dipoles"\nmoment_A_m2 = 0.1', ('force', 'foundation')),
     ('kind = "table"\ndistances_m = [0.008, 0.009, 0.01, 0.012]\nforces_N = [0.6, 0.37, 0.24, 0.11]', ('force', 'foundation')),
+    *((f'kind = "magnets"\nring = {{outer_diameter_m = 0.005, height_m = 0.003}}\n{strength}', ('force', 'foundation'))
+      for strength in ('grade = "N45"', 'remanence_T = 1.1')),
 ])
 def test_other_laws_are_fitted_by_their_force_and_shape(law, names, tmp_path):
     """Ridges of the branches of the scene, by the analytic bands; the fit starts from a force and springs that are 20 % off."""
@@ -439,24 +434,6 @@ def test_two_springs_and_their_frequencies(tmp_path):
         fit_bands(scene, replace(points, sources=('point', 'point')))
     one = fit_bands(scene_of(tmp_path, START), points)
     assert one.fits['complete'].chi2 > fits.fits['complete'].chi2 + 20
-
-
-def test_magnets_of_a_named_shape_are_fitted_by_their_strength(tmp_path):
-    """Grade or remanence may tell where the fit starts; the shape stays."""
-    law = ('kind = "magnets"\nshells = "all"\n', '\n[law.ring]\nouter_diameter_m = 0.005\nheight_m = 0.003\n')
-    text = scene_text(0.01, 7e-4, 1.0, 1.0, 20.0)
-    before, after = text[: text.index('kind = "inverse_power"')], text[text.index('[foundation]'):]
-    scenes = []
-    for told in ('grade = "N45"', 'remanence_T = 1.1'):
-        (tmp_path / 'my.toml').write_text(before + law[0] + told + law[1] + after)
-        scenes.append(read_scene(tmp_path / 'my.toml'))
-    points = measured(np.random.default_rng(4), TRUTH, (0, 1))
-    omega = bloch_modes(with_factors(scenes[1], {'force': 1.3}).atoms(), points.q)[0][np.arange(24), points.ridge]
-    exact = replace(points, omega=omega, sigma_omega=1e-3 * omega)
-    found = [fit_bands(scene, exact) for scene in scenes]
-    right = -with_factors(scenes[1], {'force': 1.3}).law.potential().dphi(10.0)
-    assert [fits.values()['force'][0] for fits in found] == pytest.approx([right] * 2, rel=1e-3)
-    assert all(parameters_of(scene) == ('force', 'foundation') for scene in scenes)
 
 
 @pytest.mark.slow

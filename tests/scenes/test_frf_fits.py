@@ -1,10 +1,13 @@
 """Lattices from transfer functions: the Cramer-Rao bound, lattices that are not the model, files, and a shaken bench."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from ase import Atoms
 from numpy.testing import assert_allclose
+from oracles import Pairs
 from scipy.signal import fftconvolve
 
 from magphonon import DrivenVerlet, modes, read_scene, units as u
@@ -63,29 +66,20 @@ def scene_of(folder, *changes, name='hexagon.toml'):
 
 
 def dense(force=0.2369, a=4.5824, foundation=19.6757, damping=4.0, mass=7e-4, static=True):
-    """Responses of the hexagon in m/N, shape (6, 70), by loops over pairs and dense matrices in SI: nothing of the package."""
+    """Responses of the hexagon in m/N, shape (6, 70), by the energy of each pair and dense matrices: nothing of the package."""
     n = [(i, j) for i in range(-6, 7) for j in range(-6, 7) if abs(i + j) <= 6]
-    x = 0.01 * np.array([(i + j / 2, j * np.sqrt(3) / 2) for i, j in n])
+    x = 10.0 * np.array([(i + j / 2, j * np.sqrt(3) / 2, 0) for i, j in n])
+    law = SimpleNamespace(phi=lambda r: 10 * force / (a - 1) * (10 / r) ** (a - 1))
+    bonds = Pairs(Atoms(f'H{len(n)}', positions=x), law, 10.1, 'complete' if static else 'conventional')
+    H = 1e3 * bonds.hessian(x) + foundation * np.eye(254)  # N/m
     free = [k for k, (i, j) in enumerate(n) if max(abs(i), abs(j), abs(i + j)) < 6]
-    assert (len(n), len(free)) == (127, 91)
-    H = np.kron(np.eye(127), foundation * np.eye(2))
-    for p in range(127):
-        for q in range(127):
-            r = np.linalg.norm(x[p] - x[q])
-            if 0 < r < 0.0101:
-                d = (x[p] - x[q]) / r
-                f = force * (0.01 / r) ** a
-                K = a * f / r * np.outer(d, d) - static * f / r * (np.eye(2) - np.outer(d, d))
-                H[2 * p : 2 * p + 2, 2 * p : 2 * p + 2] += K
-                H[2 * p : 2 * p + 2, 2 * q : 2 * q + 2] -= K
-    rows = np.ravel([[2 * k, 2 * k + 1] for k in free])
-    H, push = H[np.ix_(rows, rows)], np.zeros(182)
-    at = {k: 2 * m for m, k in enumerate(free)}
-    centre = at[int(np.linalg.norm(x, axis=1).argmin())]
+    centre, *seen = (2 * free.index(int(np.linalg.norm(x[:, :2] - np.multiply(1e3, at), axis=1).argmin()))
+                     for at in [(0, 0), *RECEIVERS])
+    rows, push = np.ravel([[2 * k, 2 * k + 1] for k in free]), np.zeros(182)
     push[centre : centre + 2] = np.cos(np.deg2rad(40)), np.sin(np.deg2rad(40))
-    seen = [at[int(np.linalg.norm(x - place, axis=1).argmin())] + axis for place in RECEIVERS for axis in (0, 1)]
-    w = 2 * np.pi * np.linspace(20, 160, 70)
-    return np.array([np.linalg.solve(H + (1j * one * damping - one**2) * mass * np.eye(182), push)[seen] for one in w]).T
+    H, w = H[np.ix_(rows, rows)], 2 * np.pi * np.linspace(20, 160, 70)
+    u = [np.linalg.solve(H + (1j * one * damping - one**2) * mass * np.eye(182), push) for one in w]
+    return np.array(u).T[[at + axis for at in seen for axis in (0, 1)]]
 
 
 @pytest.fixture(scope='module')
@@ -155,7 +149,6 @@ def test_what_was_known_and_the_data_contradict_is_said(scale, known, off, tmp_p
     fits = fit_frf(scene_of(tmp_path), functions, [], known, gain_sigma=0.01)
     assert set(fits.contradicted) == off
     assert frf_report(fits, []).count('sigma from the') == len(off)
-
 
 
 def test_slopes_where_a_parameter_moves_the_rest(tmp_path, monkeypatch):
@@ -331,7 +324,7 @@ def test_the_place_of_a_measurement(tmp_path):
     scene = scene_of(tmp_path)
     omega = np.array([0.1, 0.2])
     outside = TransferFunction('f.csv', omega, omega + 0j, None, 0, np.array([500.0, 0.0, 0.0]))
-    with pytest.raises(ValueError, match=r'f\.csv, answer\.at_m = \[0\.5, 0\.0\] is outside the patch'):
+    with pytest.raises(ValueError, match=r'f\.csv, answer\.at_m = \[0\.5, 0\.0\] is outside the structure'):
         with_dofs(scene, [outside])
     shaken = TransferFunction('f.csv', omega, omega + 0j, shaken=True)
     with pytest.raises(ValueError, match='is a response to the motion of the bench, and the scene has'):

@@ -96,10 +96,15 @@ response = {{at_m = {other.tolist()}, direction_deg = 90.0}}
     assert scene.atoms().calc.model == 'complete'  # each has its own
 
 
+def scene_in(folder, file, law=LAW, tables=(), **lattice):
+    """The scene of a file in a folder, with further tables."""
+    return Scene.model_validate({'title': 'mine', 'lattice': {'kind': 'file', 'file': file} | lattice, 'law': law} | dict(tables),
+                                context={'folder': folder})
+
+
 def csv(tmp_path, text, **lattice):
     (tmp_path / 'p.csv').write_text(text)
-    return Scene.model_validate({'title': 'mine', 'lattice': {'kind': 'file', 'file': 'p.csv'} | lattice, 'law': LAW},
-                                context={'folder': tmp_path})
+    return scene_in(tmp_path, 'p.csv', **lattice)
 
 
 def test_a_table_of_positions_in_metres_is_a_lattice(tmp_path):
@@ -136,10 +141,8 @@ def test_columns_of_a_table(tmp_path):
     calc = scene.atoms().calc
     assert_allclose(calc.strengths, [1, 0.5, 1])
     assert_allclose(calc.foundation, [[0, 0], [0.03, 0.03], [0, 0]])
-    (tmp_path / 'p.csv').write_text(text)
     with pytest.raises(ValueError, match='the file has a column with the stiffness'):
-        Scene.model_validate({'title': 'x', 'lattice': {'kind': 'file', 'file': 'p.csv', 'mass_kg': 1e-3}, 'law': LAW,
-                              'foundation': {'stiffness_N_per_m': 3.0}}, context={'folder': tmp_path})
+        csv(tmp_path, text, mass_kg=1e-3, tables={'foundation': {'stiffness_N_per_m': 3.0}})
 
 
 @pytest.mark.parametrize('name', ['p.extxyz', 'p.cif', 'p.vasp', 'p.json'])
@@ -151,8 +154,7 @@ def test_files_of_ase_are_read_in_mm(name, tmp_path):
         cell.set_masses(None)
     ase.io.write(tmp_path / name, cell)
     masses = {} if name in ('p.extxyz', 'p.json') else {'mass_kg': 0.0007}
-    lattice = {'kind': 'file', 'file': name} | masses
-    scene = Scene.model_validate({'title': 'mine', 'lattice': lattice, 'law': LAW}, context={'folder': tmp_path})
+    scene = scene_in(tmp_path, name, **masses)
     assert scene.lattice.spacing_m == pytest.approx(0.01, rel=1e-4)
     ready = lattices.fcc(10.0, 0.7)
     ready.calc = MagneticRepulsion(ready, InversePower(B, 4.5824))
@@ -164,31 +166,28 @@ def test_what_a_file_of_ase_leaves_open_is_told(tmp_path):
     """Which frame of a film is taken; and that lengths in metres make a crystal denser than any metal."""
     film = [lattices.triangular(spacing, 0.7) for spacing in (8.0, 9.0, 10.0)]
     ase.io.write(tmp_path / 'film.extxyz', film)
-    tables = {'title': 'mine', 'lattice': {'kind': 'file', 'file': 'film.extxyz'}, 'law': LAW}
     with pytest.warns(UserWarning, match='a film of 3 frames; the scene takes the last one'):
-        scene = Scene.model_validate(tables, context={'folder': tmp_path})
+        scene = scene_in(tmp_path, 'film.extxyz')
     assert scene.lattice.spacing_m == pytest.approx(0.01)
     ase.io.write(tmp_path / 'POSCAR', lattices.fcc(0.01, 0.7), format='vasp')
     with pytest.warns(UserWarning, match=r'denser than any metal; check their units, .* \(g and mm in files that ASE reads\)'):
-        Scene.model_validate(tables | {'lattice': {'kind': 'file', 'file': 'POSCAR', 'mass_kg': 7e-4}},
-                             context={'folder': tmp_path})
+        scene_in(tmp_path, 'POSCAR', mass_kg=7e-4)
     (tmp_path / 'grains.data').write_text('LAMMPS\n\n1 atoms\n1 atom types\n\n0 10 xlo xhi\n0 10 ylo yhi\n0 10 zlo zhi\n\n'
                                           'Atoms # sphere\n\n1 1 1.0 2.5 0 0 0\n')  # of which ASE reads no frame
     with pytest.raises(ValueError, match=r'ASE reads no structure in .*grains\.data .*; give one in a format of ASE'):
-        Scene.model_validate(tables | {'lattice': {'kind': 'file', 'file': 'grains.data'}}, context={'folder': tmp_path})
+        scene_in(tmp_path, 'grains.data')
 
 
 @pytest.mark.parametrize('column', ['held', 'mass_kg', 'stiffness_N_per_m'])
 def test_columns_of_tables_mean_nothing_to_ase(column, tmp_path):
     """They must not be read and forgotten in silence."""
     atoms = lattices.honeycomb(10.0, 0.7)
-    tables = {'title': 'mine', 'lattice': {'kind': 'file', 'file': 'mine.extxyz'}, 'law': LAW}
     ase.io.write(tmp_path / 'mine.extxyz', atoms)
-    Scene.model_validate(tables, context={'folder': tmp_path})
+    scene_in(tmp_path, 'mine.extxyz')
     atoms.set_array(column, np.array([0, 1]))
     ase.io.write(tmp_path / 'mine.extxyz', atoms)
     with pytest.raises(ValueError, match=f'has the column {column}, which only tables'):
-        Scene.model_validate(tables, context={'folder': tmp_path})
+        scene_in(tmp_path, 'mine.extxyz')
 
 
 def test_scattered_positions_repel_within_a_cutoff_and_relax(tmp_path):
@@ -237,39 +236,31 @@ tension_N = 0.0
     ('x_m,y_m\n0,0\n0.01,0\n', {'mass_kg': 1e-3, 'cell_m': [[1, 0], [0, 1], [1, 1]]}, 'cell_m must hold one or two'),
 ])
 def test_unsuitable_tables_are_refused(text, lattice, message, tmp_path):
-    (tmp_path / 'p.csv').write_text(text)
-    (tmp_path / 's.toml').write_text('title = "x"\n[lattice]\nkind = "file"\nfile = "p.csv"\n'
-                                     + '\n'.join(f'{key} = {str(value).lower()}' for key, value in lattice.items())
-                                     + '\n[law]\nkind = "dipoles"\nmoment_A_m2 = 0.5\nshells = 1\n')
     with pytest.raises(ValueError, match=message):
-        read_scene(tmp_path / 's.toml')
+        csv(tmp_path, text, **lattice)
 
 
 def test_unsuitable_files_and_scenes_are_refused(tmp_path):
-    def scene(lattice, law=LAW, **tables):
-        return Scene.model_validate({'title': 'mine', 'lattice': {'kind': 'file'} | lattice, 'law': law} | tables,
-                                    context={'folder': tmp_path})
-
     with pytest.raises(ValueError, match=r'none\.traj cannot be read'):
-        scene({'file': 'none.traj'})
+        scene_in(tmp_path, 'none.traj')
     (tmp_path / 'noise.xyz').write_text('nothing of the kind')
     with pytest.raises(ValueError, match=r'ASE reads no structure in .*noise\.xyz'):
-        scene({'file': 'noise.xyz'})
+        scene_in(tmp_path, 'noise.xyz')
     atoms = written(tmp_path, 1)
     with pytest.raises(ValueError, match=r'foundation: law\.kind = "saved" takes law, bonds'):
-        scene({'file': 'mine.traj'}, {'kind': 'saved'}, foundation={'stiffness_N_per_m': 1.0})
+        scene_in(tmp_path, 'mine.traj', {'kind': 'saved'}, {'foundation': {'stiffness_N_per_m': 1.0}})
     with pytest.raises(ValueError, match=r'mine\.traj has a cell of its own; remove cell_m'):
-        scene({'file': 'mine.traj', 'cell_m': [[1, 0]]})
+        scene_in(tmp_path, 'mine.traj', cell_m=[[1, 0]])
     bare = lattices.ribbon(lattices.triangular(10.0, 0.7), 3)
     ase.io.write(tmp_path / 'bare.traj', bare)
     with pytest.raises(ValueError, match='written without a calculator of magphonon'):
-        scene({'file': 'bare.traj'}, {'kind': 'saved'})
+        scene_in(tmp_path, 'bare.traj', {'kind': 'saved'})
     with pytest.raises(ValueError, match='uncertainty: tolerances are those of the bands'):
-        scene({'file': 'bare.traj'}, uncertainty={'mass_percent': 1.0})
+        scene_in(tmp_path, 'bare.traj', tables={'uncertainty': {'mass_percent': 1.0}})
     bare.set_constraint(FixBondLength(0, 1))
     ase.io.write(tmp_path / 'rods.traj', bare)
     with pytest.raises(ValueError, match='only FixAtoms, FixCartesian, FixedLine and FixedPlane are supported'):
-        scene({'file': 'rods.traj'})
+        scene_in(tmp_path, 'rods.traj')
     with pytest.raises(ValueError, match=r'belongs to lattice\.kind = "file"'):
         Scene.model_validate({'title': 'mine', 'law': {'kind': 'saved'},
                               'lattice': {'kind': 'square', 'spacing_m': 0.01, 'mass_kg': 1e-3}})
@@ -286,7 +277,7 @@ def test_unsuitable_files_and_scenes_are_refused(tmp_path):
     held.set_constraint(FixAtoms([0]))
     ase.io.write(tmp_path / 'held.traj', held)
     with pytest.raises(ValueError, match='it needs constraints and tags to mark its rim'):
-        scene({'file': 'held.traj'}, patch={'kind': 'parallelogram', 'cells_1': 9, 'cells_2': 9})
+        scene_in(tmp_path, 'held.traj', tables={'patch': {'kind': 'parallelogram', 'cells_1': 9, 'cells_2': 9}})
 
 
 def test_all_neighbours_are_written_too(tmp_path):

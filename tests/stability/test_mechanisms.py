@@ -89,7 +89,7 @@ def test_counts_of_drawn_bars(seed):
         structure = net(atoms, [(i, j, shift, Spring(k, L)) for i, j, shift, k, L in bars], dim=dim,
                         foundation=spring * stiffest)
         judged = verdict(structure)
-        found, (count, rigid) = judged.case.free, motions(atoms, bars, dim, spring * stiffest)
+        found, (count, rigid) = judged.case.inside.free, motions(atoms, bars, dim, spring * stiffest)
         assert (found.count, found.rigid) == (count, rigid)
         assert judged.stable == (count == 0)
         assert judged.fine == judged.stable
@@ -105,7 +105,7 @@ def test_slack_members_are_named_if_they_would_resist(seed):
     slack = rng.choice(len(bars), rng.integers(1, 4), replace=False)
     members = [(i, j, shift, Cable(k, 1.1 * L) if at in slack else Spring(k, L)) for at, (i, j, shift, k, L) in enumerate(bars)]
     judged = verdict(net(atoms, members, dim=dim))
-    found, (count, rigid) = judged.case.free, motions(atoms, bars, dim, without=slack)
+    found, (count, rigid) = judged.case.inside.free, motions(atoms, bars, dim, without=slack)
     assert (found.count, found.rigid) == (count, rigid)
     taut, loose = (np.count_nonzero(np.linalg.eigvalsh(stiffness(atoms, bars, dim, found.q, 0.0, without)[0]) < 1e-11)
                    for without in ((), slack))

@@ -89,4 +89,4 @@ def test_gyration_about_the_normal_holds_nothing_out_of_the_plane(support, holds
         assert judged['out_of_plane'].needed == pytest.approx(6.0, rel=1e-9)
         assert judged.fine == holds
     cell.calc.set(gyration=[[0.5, 0.0, 1.5]])  # it turns motion in the plane into such out of it
-    assert verdict(cell).case.held == holds
+    assert verdict(cell).case.inside.held == holds

@@ -193,8 +193,8 @@ def test_a_slack_cable_does_not_spoil_the_verdict_of_a_net(seed):
     length = np.linalg.norm(nodes.positions[2] - nodes.positions[0])
     spring, slack = (0, 1, Spring(1.0, float(np.linalg.norm(nodes.positions[1] - nodes.positions[0])))), 1.2 * length
     with_slack, without = (verdict(net(nodes, [spring, *more])) for more in ([(0, 2, Cable(1.0, slack))], []))
-    assert without.case.free.count == with_slack.case.free.count == 2  # the third node is loose in both
-    assert (without.case.free.slack, with_slack.case.free.slack) == (0, 1)
+    assert without.case.inside.free.count == with_slack.case.inside.free.count == 2  # the third node is loose in both
+    assert (without.case.inside.free.slack, with_slack.case.inside.free.slack) == (0, 1)
     assert 'nan' not in str(with_slack)
 
 
