@@ -138,7 +138,8 @@ def _tolerances(scene, path, spread):
     """The standard deviations of the frequencies at special points, and the shifts by omitted neighbours that exceed them."""
     if spread is None:
         return []
-    stds, within = {'all': spread.std, **spread.contributions}, {}
+    round_off, within = 1e-9 * abs(spread.values).max(), {}
+    stds = {cause: np.where(std > round_off, std, 0.0) for cause, std in {'all': spread.std, **spread.contributions}.items()}
     wide = {cause: max(len(cause) + 2, 12) for cause in stds}
     lines = ['standard deviations due to [uncertainty] (Hz): in all, and by each cause alone',
              f'{"":18}' + ''.join(f'{cause:>{wide[cause]}}' for cause in stds)]

@@ -76,7 +76,9 @@ def _in_short(scene, verdicts):
     said = [judged.finding('buckling').words]
     if (supports := judged['supports']) is not None and supports.central:
         needed = units.in_words('N/m', max(filter(None, supports)) / (units.N / units.m))
-        said.append(f'This assumes that it stays in its plane: each support must be stiffer than {needed} along z.')
+        pillar = scene.foundation and scene.foundation.pillar
+        along = pillar and f' (a pillar has {units.in_words("N/m", pillar.along_N_per_m)})'
+        said.append(f'This assumes that it stays in its plane: each support must be stiffer than {needed} along z{along or ""}.')
     elif across := judged.finding('supports').words:
         said.append(across)
     if (amplitude := judged['amplitude']) is not None and np.isfinite(amplitude):

@@ -239,15 +239,18 @@ def check_drives(drives: Sequence[Any], atoms: Atoms) -> None:
         warn_of_hertz(atoms.calc, np.concatenate([np.zeros(0), *found]))
     for drive in drives:
         if isinstance(drive, PrescribedMotion):
-            held = [k for constraint in atoms.constraints if isinstance(constraint, FixAtoms) for k in constraint.index]
-            for free in np.setdiff1d(drive.particles[drive.particles < len(atoms)], held)[:1]:
-                raise ValueError(f'a wall moves held particles, and particle {free} is free; hold it, with '
-                                 'atoms.set_constraint([*atoms.constraints, FixAtoms([...])]), or push it with a drive')
+            _refuse_free_wall(drive, atoms)
         if isinstance(drive, Constant | Harmonic | ToneBurst) and drive.particles.max() < len(atoms):
             force = np.zeros((len(atoms), 3))
-            strength = drive.force if isinstance(drive, Constant) else drive.amplitude
-            force[drive.particles] = _along(drive.direction, strength)
+            force[drive.particles] = _along(drive.direction, getattr(drive, 'force', getattr(drive, 'amplitude', None)))
             refuse_held(force, atoms, f'the drive {type(drive).__name__}')
+
+
+def _refuse_free_wall(wall, atoms):
+    held = [constraint.index for constraint in atoms.constraints if isinstance(constraint, FixAtoms)]
+    for free in np.setdiff1d(wall.particles[wall.particles < len(atoms)], np.concatenate([[], *held]))[:1]:
+        raise ValueError(f'a wall moves held particles, and particle {free} is free; hold it, with '
+                         'atoms.set_constraint([*atoms.constraints, FixAtoms([...])]), or push it with a drive')
 
 
 def forces_and_walls(drives: Sequence[Any], count: int) -> tuple[Drives, Drives]:

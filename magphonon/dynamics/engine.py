@@ -37,9 +37,6 @@ ROUGH, FINE = 1e-3, 1e-7
 """Relative errors of the largest eigenvalue.  It lies close to others, so the fine accuracy takes long and is used only near the
 stability limit."""
 STEPS_TRIED = 24  # number of time steps at which motion held by gyration alone is tested
-MANY_LOADED = 1 / 8
-"""Share of the particles with a static force left on them above which that force is stored for every particle, as in a patch
-whose particles are displaced at random; below it, for these particles only."""
 SAME_VECTOR = 1e-11
 """Largest difference, in shortest bonds, of rest vectors that count as one: far above the round-off of positions."""
 SAME_KIND = 1e-12  # relative difference of lengths up to which bonds that are not alike share coefficients
@@ -265,13 +262,9 @@ class Blocks:
         self._masses, (mobile, self._guided, self._barred) = atoms.get_masses(), freedom(atoms)
         self._mobile = mobile[:, None]
         self._follows = self._mobile | np.isin(np.arange(len(atoms)), self._walls.particles)[:, None]
-        static = mobile[:, None] * static_forces(calc, constant_push(drives, len(atoms)))
-        loaded = np.flatnonzero(static.any(axis=1))
-        everywhere = len(loaded) > MANY_LOADED * len(atoms)
-        self._load = static if everywhere else None
-        driven = np.union1d(loaded[: len(loaded) * (not everywhere)], self._varying.particles[mobile[self._varying.particles]])
-        _, self._to, self._from = np.intersect1d(driven, self._varying.particles, return_indices=True)
-        self._driven, self._static = driven, static[driven] * (not everywhere)
+        static = self._mobile * static_forces(calc, constant_push(drives, len(atoms)))
+        self._load = static if static.any() else None
+        self._driven = self._varying.particles
 
         self.layout = layout = arrange(calc.reference, calc.bonds, calc.dim)
         self._pad = 0 if layout.offset is None else int(layout.offset.max() + -layout.offset.max() % LINE)
@@ -283,7 +276,7 @@ class Blocks:
         away = size > 0.5  # a projector has the eigenvalues 0 and 1
         self._normals = directions.transpose(0, 2, 1)[away][None]
         along = np.repeat(self._guided, away.sum(axis=1))
-        self._special = [self._shared(particles) for particles in (driven, along, self._walls.particles)]
+        self._special = [self._shared(particles) for particles in (self._driven, along, self._walls.particles)]
         self._rate = damping.max() if splitting.stages > 1 else 0.0  # the same for all particles: it acts in the drifts
         self._half = half_step(damping - self._rate, calc.rate, self._guided, self._barred, dt)
         self._sort_bonds()
@@ -450,7 +443,7 @@ class Blocks:
         u, v, _ = self._spare
         extent = [np.sqrt(len(u)) * largest(x) for x in (u, v)]
         if not self.cages.still(extent[0]):
-            u = self.layout.gather(u[:, self._pad :])
+            u = u[:, self._at]
             if not self.cages.clear(u):
                 u = np.where(self._follows, u.T, self.displacements)  # forces on held particles have no meaning
                 self.cages.look(u, times[-1], bonded=False)
@@ -469,10 +462,7 @@ class Blocks:
 
     def _pushes(self, times, rows):
         """Changes of the velocities of driven particles by unit kicks, shape (stages, particles, dim)."""
-        forces = np.repeat(self._static[None], len(times), axis=0)
-        if len(self._to):
-            forces[:, self._to] += components(self._varying.forces(times), self.calc.dim)[:, self._from]
-        push = self._push[rows][..., None]
+        forces, push = components(self._varying.forces(times), self.calc.dim), self._push[rows][..., None]
         pushed = push.real * forces
         return pushed + push.imag * forces[..., ::-1] * (-1, 1) if np.iscomplexobj(push) else pushed
 
@@ -572,11 +562,10 @@ class Blocks:
 
     def _strain(self, u):
         """The largest increment |e| at the displacements u."""
-        layout, found, particle = self.layout, 0.0, np.empty(self.layout.length, int)
-        particle[layout.slot] = np.arange(len(u))
-        for some in stretches(len(layout.i)):
-            du, R = u[particle[layout.j[some]]] - u[particle[layout.i[some]]], layout.R[some]
-            e = ((2 * R + (self.calc.model == 'complete') * du) * du).sum(axis=1) / (R**2).sum(axis=1)
+        found, bonds, complete = 0.0, self.calc.bonds, self.calc.model == 'complete'
+        for some in stretches(len(bonds)):
+            du, R = u[bonds.j[some]] - u[bonds.i[some]], self.calc.bond_vectors[some]
+            e = ((2 * R + complete * du) * du).sum(axis=1) / (R**2).sum(axis=1)
             found = np.maximum(found, abs(e).max())
         return found
 

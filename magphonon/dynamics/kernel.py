@@ -222,30 +222,43 @@ def kicked(axes, sites):
     return [*lines, *(f'v{x}[i] = a{x}; w{x}[i] = x{x} + drift * a{x}' for x in axes)]
 
 
+def named(axes, c, sites):
+    """The lines of text that name the parts of the arguments, for these types of arguments."""
+    def parts(letter, numbers):
+        return f'{"".join(f"{letter}{x}, " for x in numbers)} = {letter}'
+
+    return ['near, R, unit, g, s, _ = bonds', 'k, l, C, P, T = sites', parts('c', range(len(c))),
+            *(parts(letter, axes) for letter in 'uwvRk' + 'l' * there(sites[1])), 'none = drift - drift', 'top = bits(none)']
+
+
+def over_slots(lines):
+    """The loop of text that runs these lines for each slot i."""
+    return ['for i in range(lo, hi):', *(f'    {line}' for line in lines)]
+
+
+def looked_up(columns, axes, bonds, c):
+    """The lines of text that add the forces of all bonds of a slot, whose neighbours are looked up."""
+    pulled = [f'f{x} -= p{x}' for x in axes]
+    each = [line for n in columns for line in (*bond(n, axes, bonds, c), 'far = max(far, abs(e))', *pulled)]
+    return ['far = none', *each, 'top = max(top, bits(far))']
+
+
 @overload(piece, jit_options=FAST)
 def _piece(u, w, v, h, bonds, c, sites, row, keep, kick, drift, reach, lo, hi, base, own):
-    axes, columns, loaded = range(len(u)), range(len(bonds.types[0])), there(sites.types[1])
-    grid = not isinstance(bonds.types[0][0], types.Array)
-    head = ['near, R, unit, g, s, _ = bonds', 'k, l, C, P, T = sites', f'{"".join(f"c{q}, " for q in range(len(c)))} = c',
-            *(f'{"".join(f"{a}{x}, " for x in axes)} = {a}' for a in 'uwvRk' + 'l' * loaded), 'none = drift - drift',
-            'top = bits(none)']
-    spring = 'k{}[i]' if isinstance(sites.types[0][0], types.Array) else 'k{}'
-    here = '; '.join(f'x{x} = u{x}[i]' for x in axes)
-    body = [here, *(f'f{x} = {f"l{x}[i] " * loaded}-{spring.format(x)} * x{x}' for x in axes)]
-    if grid:  # the force of a bond is kept for its far end
+    bonds, sites = bonds.types, sites.types
+    axes, columns = range(len(u)), range(len(bonds[0]))
+    load, spring = 'l{0}[i] ' * there(sites[1]), '-k{0}' + '[i]' * isinstance(sites[0][0], types.Array)
+    here, kept = '; '.join(f'x{x} = u{x}[i]' for x in axes), []
+    pulled = looked_up(columns, axes, bonds, c)
+    if not isinstance(bonds[0][0], types.Array):  # on a grid the force of a bond is kept for its far end
         for n in columns:
-            kept = [f'h[{n}, {x}, i - base] = p{x}' for x in axes]
-            lines = here, *bond(n, axes, bonds.types, c), *kept, 'top = max(top, bits(abs(e)))'
-            head += ['for i in range(lo, hi):', *(f'    {line}' for line in lines)]
-        head += ['if not own:', '    return top > bits(reach)']
-        body += [f'f{x} += h[{n}, {x}, i - base - near[{n}]] - h[{n}, {x}, i - base]' for n in columns for x in axes]
-    else:
-        body += ['far = none', *(line for n in columns for line in (*bond(n, axes, bonds.types, c), 'far = max(far, abs(e))', *(
-            f'f{x} -= p{x}' for x in axes))), 'top = max(top, bits(far))']
-    body += kicked(axes, sites.types)
+            kept += over_slots([here, *bond(n, axes, bonds, c), *(f'h[{n}, {x}, i - base] = p{x}' for x in axes),
+                                'top = max(top, bits(abs(e)))'])
+        kept += ['if not own:', '    return top > bits(reach)']
+        pulled = [f'f{x} += h[{n}, {x}, i - base - near[{n}]] - h[{n}, {x}, i - base]' for n in columns for x in axes]
+    body = [here, *(f'f{x} = {load.format(x)}{spring.format(x)} * x{x}' for x in axes), *pulled, *kicked(axes, sites)]
     text = '\n    '.join(['def piece(u, w, v, h, bonds, c, sites, row, keep, kick, drift, reach, lo, hi, base, own):',
-                          'vectorise()', *head, 'for i in range(lo, hi):', *(f'    {line}' for line in body),
-                          'return top > bits(reach)'])
+                          'vectorise()', *named(axes, c, sites), *kept, *over_slots(body), 'return top > bits(reach)'])
     return written_out(text, 'piece', vectorise=vectorise, bits=bits)
 
 

@@ -409,19 +409,25 @@ def _write(directory, atoms, timestep, steps, drives, damping, records, ranks):
         stage = Path(made)
         write_lammps_input(stage, atoms, timestep, steps, drives=drives, damping=damping, records=records,
                            restart=max(1, steps // RESTARTS_OF_A_RUN))
-        names = [file.name for file in stage.iterdir()]
         outputs = [*(f'record{n}.dump' for n in range(len(records))), *RESTARTS, 'complete', 'log.lammps', 'submit.sh']
-        there = [name for name in names if os.path.lexists(directory / name)]
-        for file in (directory / name for name in names + outputs if os.path.lexists(directory / name)):
-            ours = file.is_file() and not file.is_symlink() and bool(there)
-            if not ours or (file.name in names and file.read_bytes() != (stage / file.name).read_bytes()):
-                raise ValueError(f'{file} belongs to another run; name another folder, or remove this file')
+        missing = _missing(directory, stage, outputs)
         directory.mkdir(parents=True, exist_ok=True)
-        for name in set(names) - set(there):
+        for name in missing:
             shutil.copyfile(stage / name, directory / name)
     if not (directory / 'submit.sh').exists():  # which may have been fitted to a cluster
         with whole_file(directory / 'submit.sh') as file:
             file.write(BATCH.format(ranks=ranks, restarts=' '.join(RESTARTS)))
+
+
+def _missing(directory, stage, outputs):
+    """The names of the files of `stage` that the folder lacks; ValueError if it holds others, or outputs without an input."""
+    inputs = [file.name for file in stage.iterdir()]
+    there = [name for name in inputs if os.path.lexists(directory / name)]
+    for file in (directory / name for name in inputs + outputs if os.path.lexists(directory / name)):
+        ours = file.is_file() and not file.is_symlink() and bool(there)
+        if not ours or (file.name in inputs and file.read_bytes() != (stage / file.name).read_bytes()):
+            raise ValueError(f'{file} belongs to another run; name another folder, or remove this file')
+    return set(inputs) - set(there)
 
 
 def _run(directory, ranks):

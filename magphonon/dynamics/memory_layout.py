@@ -78,10 +78,6 @@ class Layout:
         column[order] = np.arange(len(near)) - np.searchsorted(near[order], near[order])
         return column, near, far
 
-    def gather(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Values of the particles, shape (..., particles), from those of the slots, shape (..., length)."""
-        return values[..., self.slot]
-
 
 def arrange(atoms: Atoms, bonds: Bonds, dim: int) -> Layout:
     """The layout of a structure of particles with `dim` components of a displacement."""
@@ -148,9 +144,13 @@ def _sites_found(X, i, j, R):
     places = _places(X, base)
     if places is None or (places[j] - places[i] != steps).any():
         return None
-    one = np.eye(X.shape[1])  # with other base vectors a patch may fill its parallelogram better
-    skews = [one, *(one + n * np.outer(a, b) for n in (1, -1) for a in one for b in one if a is not b and a @ b == 0)]
-    return min((_numbered(places @ skew, steps @ skew) for skew in skews), key=lambda sites: sites.max())
+    return min((_numbered(places @ skew, steps @ skew) for skew in _skews(X.shape[1])), key=lambda sites: sites.max())
+
+
+def _skews(dim):
+    """Changes of the base vectors, with which a patch may fill its parallelogram better."""
+    one = np.eye(dim)
+    return [one, *(one + n * np.outer(a, b) for n in (1, -1) for a in one for b in one if a @ b == 0)]
 
 
 def _base_vectors(R):

@@ -409,46 +409,60 @@ class DrivenVerlet(VelocityVerlet):
 
     def _prepare(self, long):
         """If any setting has changed, choose the engine and refuse an unstable step; a `long` run is worth compiling for."""
-        now, (before, *was) = self._setting(), self._prepared
-        phase = self._omega * self.max_steps * self.dt
-        # a relative error e of stiffness is e/2 of a phase; a power of two, so that it seldom changes as a run gets longer
-        rough = 2.0 ** np.floor(np.log2(self.tolerance / max(phase, 1.0))) if self.tolerance and self.max_steps else 0.0
+        now, (before, *was), rough = self._setting(), self._prepared, self._roughness
         if now == before and [long, rough] == was:
             return
         if now != before:
-            dt = before[1]
-            if self.dt != dt and self.nsteps and (self._drives or self.recorders):
-                raise ValueError(f'the time step was {dt:g} ms for {self.nsteps} steps and is {self.dt:g} ms now, which would '
-                                 'change the time of drives and records; set it back, or continue with a new '
-                                 'DrivenVerlet(atoms, ...), whose time begins at zero')
+            self._refuse_changed_step(before[1])
             self._omega = self._refuse_steps()
             refuse_order(self.atoms, self.splitting)
         if rough and self.asked_order is None:
             self.splitting = SPLITTINGS[self._order()]
             now = self._setting()
         self.engine = _engine_for(self.atoms, self.asked_engine, long)
+        self._prepared = now, long, rough
         if now == before and self._blocks is not None and self.engine != 'ase':  # all that changes is the kernel
             self._blocks.use(rough)
-            self._prepared = now, long, rough
             return
-        blocks = cages = None
-        if self.engine != 'ase':
-            blocks = Blocks(self.atoms, self.dt, self._drives, self.damping, self.splitting, self.threads)
-            blocks.use(rough)
-            if self._blocks is not None and self._blocks.current:
-                blocks.adopt(self._blocks)
-        elif isinstance(self.atoms.calc, PairCalculator):
-            cages = Cages(self.atoms)
-        self._blocks, self._cages, self._good, self._prepared = blocks, cages, None, (now, long, rough)
+        self._good, self._cages, self._blocks = None, None, self._new_blocks(rough) if self.engine != 'ase' else None
+        if self._blocks is None and isinstance(self.atoms.calc, PairCalculator):
+            self._cages = Cages(self.atoms)
         if self._walls:
-            self._at_rest = self._start
-            if isinstance(self.atoms.calc, PairCalculator):
-                self._at_rest = self.atoms.get_positions()
-                self._at_rest[:, : self.atoms.calc.dim] -= self.atoms.calc.displacements(self.atoms)
-            if blocks is not None:
-                blocks.place_walls(self.get_time())
-            else:
-                self._move_walls(self.get_time())
+            self._place_walls()
+
+    @property
+    def _roughness(self):
+        """Relative error of stiffness that the tolerance allows; 0 without a tolerance.
+
+        An error e is e/2 of a phase.  It is a power of two, so that it seldom changes as a run gets longer.
+        """
+        phase = self._omega * self.max_steps * self.dt
+        return 2.0 ** np.floor(np.log2(self.tolerance / max(phase, 1.0))) if self.tolerance and self.max_steps else 0.0
+
+    def _refuse_changed_step(self, dt):
+        if self.dt != dt and self.nsteps and (self._drives or self.recorders):
+            raise ValueError(f'the time step was {dt:g} ms for {self.nsteps} steps and is {self.dt:g} ms now, which would '
+                             'change the time of drives and records; set it back, or continue with a new '
+                             'DrivenVerlet(atoms, ...), whose time begins at zero')
+
+    def _new_blocks(self, rough):
+        """Blocks with the present setting, which take over the digits of those before."""
+        blocks = Blocks(self.atoms, self.dt, self._drives, self.damping, self.splitting, self.threads)
+        blocks.use(rough)
+        if self._blocks is not None and self._blocks.current:
+            blocks.adopt(self._blocks)
+        return blocks
+
+    def _place_walls(self):
+        """Move the walls to where they are at the present time, from their places at rest."""
+        self._at_rest = self._start
+        if isinstance(self.atoms.calc, PairCalculator):
+            self._at_rest = self.atoms.get_positions()
+            self._at_rest[:, : self.atoms.calc.dim] -= self.atoms.calc.displacements(self.atoms)
+        if self._blocks is not None:
+            self._blocks.place_walls(self.get_time())
+        else:
+            self._move_walls(self.get_time())
 
     def _setting(self):
         """All that forces and motion depend on, except the state itself."""

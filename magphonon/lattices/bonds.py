@@ -31,7 +31,7 @@ Pairs = tuple[NDArray[np.int_], NDArray[np.int_], NDArray[Any], NDArray[np.float
 """Particles i and j, the cell of j and the distance of each pair."""
 MOST_PARTICLES = 2**31 - 1
 PAIR_bytes, SHIFT_bytes = 80, 250  # at the peak while pairs are found, for each pair and each periodic cell; measured
-PIECE = 2**16  # number of pairs that are looked at together: their numbers stay in the second cache
+PIECE = 2**13  # number of pairs that are looked at together: a dozen arrays of their numbers stay in the second cache
 SHELL_WIDTH = 1e-4
 """Largest relative difference of successive distances that belong to one shell of neighbours.
 

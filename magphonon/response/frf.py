@@ -464,7 +464,7 @@ def nonlinear_change(system: LinearSystem, drive: ToneBurst, damping: float, lar
     A steady wave u1 of the carrier, with so much more damping that it fades as far from the source as the burst is long, has the
     forces F(u1) + H u1 beyond linear ones.  To second order they move the mean positions and add a harmonic, whose frequency is
     taken over the width of the burst; to third order they change the wave.  The sum of the three linear responses is CAUTION
-    times too small at most (200 drawn bursts, `tests/scenes/test_least_engine.py`), and is returned multiplied by that.
+    times too small at most (70 drawn bursts; `tests/scenes/test_least_engine.py`), and is returned multiplied by that.
     """
     calc, dim = system.calc, system.dim
     if largest > LARGE * calc.bonds.shortest:

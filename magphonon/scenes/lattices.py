@@ -133,6 +133,11 @@ class Pillar(Table):
         return 3 * self.youngs_modulus_Pa * (np.pi * self.radius_m**4 / 4) / self.height_m**3
 
     @property
+    def along_N_per_m(self) -> float:
+        """Stiffness of the pillar along its axis, `E pi R^2/H`."""
+        return self.youngs_modulus_Pa * np.pi * self.radius_m**2 / self.height_m
+
+    @property
     def mass_kg(self) -> float:
         """Mass of the whole pillar; zero if the density is unknown."""
         return (self.density_kg_per_m3 or 0.0) * np.pi * self.radius_m**2 * self.height_m

@@ -208,7 +208,9 @@ def upper_part(vectors: NDArray[np.float64], law: Law, model: Model = 'complete'
     r = _lengths(vectors)
     along, n = np.maximum(acting.law.d2phi(r), 0), (vectors.T / r).T
     across = 0 * r if model == 'conventional' else np.maximum(acting.law.dphi(r) / r, 0)
-    return np.einsum('b,bx,by->bxy', along - across, n, n) + across[:, None, None] * np.eye(n.shape[1])
+    K = np.einsum('b,bx,by->bxy', along - across, n, n)
+    np.einsum('bxx->bx', K)[:] += across[:, None]
+    return K
 
 
 def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64], interaction: PairInteraction,
