@@ -1,7 +1,6 @@
 from .dispersion_fits import Shells as Shells, fit_dispersion as fit_dispersion
 from .objectives import (
     BandEdge as BandEdge,
-    BurstEnergy as BurstEnergy,
     Contrast as Contrast,
     Level as Level,
     Objective as Objective,

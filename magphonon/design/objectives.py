@@ -23,14 +23,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units
-from ..errors import finite, indices, not_negative, number, one_of, positive, shown, whole
+from ..errors import finite, indices, not_negative, number, one_of, positive, whole
 from ..response.frf import Dof
 from ..stiffness.matrices import bloch_matrix
 from .scatter import Rest, Slope, form
 
 DECIBEL = 10 / np.log(10)
-NEAR = 1e-6  # relative difference of squared frequencies below which a divided difference is a derivative
-STEP = 1e-3  # of squared frequencies, relative, over which that derivative is taken, to fourth order
 
 Places = Dof | Sequence[Dof] | Sequence[int] | NDArray[np.intp]
 """Where a structure is driven or seen: along the directions of one or more `Dof`, or all motion of some particles."""
@@ -282,104 +280,3 @@ def band_gap(q: ArrayLike, below: int, sharp: float = 100.0) -> Sum:
     """
     edges = [BandEdge(np.asarray(q), below, side, sharp) for side in ('bottom', 'top')]
     return edges[0] - edges[1]
-
-
-@dataclass(frozen=True, eq=False)
-class BurstEnergy(_Driven):
-    """Kinetic energy of a burst in a region, summed over a window of time, in dB above 1 mJ ms.
-
-    A source pushes with `sin(omega t) sin^2(pi t/T)` for a number of cycles.  The transient of small motion is exact, a sum
-    over all modes, and its slope comes from divided differences (Daleckii and Krein): with the velocity g(lambda, t) of one
-    oscillator
-
-        dE = sum_nm A_nm (x_n.dK x_m)        A_nm = (x_m.F) sum_t b_n(t) (g_n - g_m)/(lambda_n - lambda_m)
-
-    The difference of two such energies, in a region and in the whole structure, is the share of the energy in the region in dB.
-
-    Attributes
-    ----------
-    source : Dof
-    region : tuple of int
-        The particles whose energy counts.
-    window : (float, float)
-        Start and end in ms.
-    omega : float
-        In rad/ms.
-    cycles : int
-    damping : float
-        In 1/ms.
-    dt : float
-        In ms: step between the times of the window.
-    """
-
-    source: Dof
-    region: tuple[int, ...]
-    window: tuple[float, float]
-    omega: float
-    cycles: int
-    damping: float
-    dt: float = 0.25
-
-    def __post_init__(self) -> None:
-        for name, unit in (('omega', 'rad/ms'), ('cycles', ''), ('dt', 'ms')):
-            positive(name, getattr(self, name), unit)
-        not_negative('damping', self.damping, '1/ms')
-        start, end = finite('window', self.window, (2,))
-        if not max(start, 0) + self.dt <= end:
-            raise ValueError(f'the window in ms must end at least one step dt = {self.dt:g} after its start and after t = 0, '
-                             f'not go from {start:g} to {end:g}')
-        if not self.omega * self.dt < np.pi:
-            raise ValueError(f'dt = {self.dt:g} ms is longer than half a period of the burst, {np.pi / self.omega:g} ms; take a '
-                             'shorter one')
-
-    def value_and_slope(self, rest: Rest) -> tuple[float, Slope]:
-        n, dim = rest.springs.shape
-        push = rest.frame.along(self.source.force(n)[:, :dim])
-        if not push.any():
-            raise ValueError(f'the source drives particle {self.source.particle}, which is held; choose a particle that can move')
-        inside = np.isin(np.arange(n), indices('region', self.region, n)) / 2
-        counted = rest.frame.free.power(2).T @ np.repeat(inside, dim) * rest.inertia
-        if not counted.any():
-            raise ValueError(f'all particles of the region {shown(self.region)} are held; choose some that can move')
-        energy, slope = self._energy(rest, push, counted)
-        return DECIBEL * np.log(energy), DECIBEL / energy * slope
-
-    @property
-    def _period(self):
-        return 2 * np.pi * self.cycles / self.omega
-
-    def _oscillators(self, squares, t):
-        """Velocities g of oscillators of unit mass, shape (times, oscillators), in closed form, with poles p and waves nu."""
-        half, T = self.damping / 2, self._period
-        root = np.sqrt(half**2 - squares + 0j)
-        until, found = np.minimum(t, T)[:, None], 0.0
-        for nu, a in ((self.omega, 0.5), (self.omega + 2 * np.pi / T, -0.25), (self.omega - 2 * np.pi / T, -0.25)):
-            for p in (root - half, -root - half):
-                done = np.exp(1j * nu * until + p * (t[:, None] - until)) - np.exp(p * t[:, None])
-                found = found + a * p * done / ((1j * nu - p) * (2 * p + 2 * half))
-        return found.imag
-
-    def _energy(self, rest, push, counted):
-        """The energy and its slope, for a force `push` along the free directions, half of whose masses are `counted`."""
-        squares, X = rest.spectrum
-
-        def motion():
-            t = self.dt * (np.arange(int(self.window[1] / self.dt)) + 0.5)
-            t, h = t[t > self.window[0]], STEP * abs(squares).mean() * np.array([1.0, -1.0, 2.0, -2.0])[:, None]
-            g, around = self._oscillators(squares, t), [self._oscillators(squares + one, t) for one in h]
-            return g, (8 * (around[0] - around[1]) - around[2] + around[3]) / (12 * h[0])
-
-        g, dg = rest.once(('burst', replace(self, region=())), motion)
-        s = X.T @ push
-        v = (g * s) @ X.T
-        b = 2 * self.dt * counted * v
-        energy, beta = 0.5 * float((b * v).sum()), b @ X
-        P, apart = beta.T @ g, squares[:, None] - squares
-        own = P.diagonal()
-        close = abs(apart) < NEAR * abs(squares).max()
-        A = s * np.where(close, beta.T @ dg, (own[:, None] - P) / np.where(close, 1, apart))
-        Y = X @ (A + A.T) / 2
-        (n, dim), F = rest.springs.shape, rest.frame.free
-        slope = form(rest.frame.bonds, *((F @ one).reshape(n, dim, -1) for one in (X, Y)), -squares)
-        of_source = (F.power(2) @ (push * (X @ own))).reshape(n, dim).sum(1) / (2 * rest.masses)
-        return energy, replace(slope, masses=slope.masses - of_source)

@@ -420,13 +420,13 @@ class DrivenVerlet(VelocityVerlet):
             self.splitting = SPLITTINGS[self._order()]
             now = self._setting()
         self.engine = _engine_for(self.atoms, self.asked_engine, long)
-        self._prepared = now, long, rough
         if now == before and self._blocks is not None and self.engine != 'ase':  # all that changes is the kernel
             self._blocks.use(rough)
+            self._prepared = now, long, rough
             return
-        self._good, self._cages, self._blocks = None, None, self._new_blocks(rough) if self.engine != 'ase' else None
-        if self._blocks is None and isinstance(self.atoms.calc, PairCalculator):
-            self._cages = Cages(self.atoms)
+        blocks = self._new_blocks(rough) if self.engine != 'ase' else None
+        self._cages = Cages(self.atoms) if blocks is None and isinstance(self.atoms.calc, PairCalculator) else None
+        self._blocks, self._good, self._prepared = blocks, None, (now, long, rough)  # last: what raised above raises again
         if self._walls:
             self._place_walls()
 

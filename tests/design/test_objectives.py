@@ -5,11 +5,10 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.bands import bloch_modes
-from magphonon.design import BandEdge, BurstEnergy, Contrast, Errors, Level, band_gap
+from magphonon.design import BandEdge, Contrast, Errors, Level, band_gap
 from magphonon.design.scatter import site_slopes
 from magphonon.design.site_designs import Parts, Structure, Variables
 from magphonon.response import Dof, harmonic_response
@@ -54,13 +53,11 @@ def tasks(seed):
     finite = patch(seed, rng.choice([12.0, 14.0, 21.0]))
     at = rng.choice(free_of(finite), 8, replace=False)
     source, left, right = (Dof(int(k), np.append(rng.normal(size=2), 0)) for k in at[:3])
-    burst = BurstEnergy(source, tuple(at[3:]), (30.0, 36.0), 0.5, 3, 0.01, 0.5)
     q = rng.uniform(-0.5, 0.5, (4, 3)) * [1, 1, 0]
     return {
         'level': (finite, Level(source, left, 0.5, 0.03, 1e-3) - 2.0 * Level([source, left], right, 0.55, 0.03)),
         'contrast': (finite, Contrast([source, left], at[3:5], at[5:], 0.5, 0.03)),
         'gap': (cell(seed), band_gap(q, 9, 60.0)),
-        'share': (finite, burst - replace(burst, region=tuple(range(len(finite))))),
     }
 
 
@@ -83,7 +80,7 @@ def slopes_and_differences(variables, objective, model, rng, x, draw=None, of_ea
     return {kind: np.array(pairs).T for kind, pairs in found.items()}
 
 
-NAMES = 'level', 'contrast', 'gap', 'share'
+NAMES = 'level', 'contrast', 'gap'
 
 
 @pytest.mark.parametrize(('name', 'model'), [('level', 'conventional'), ('contrast', 'complete'), ('gap', 'complete')])
@@ -158,46 +155,6 @@ def test_values():
     assert sharp == pytest.approx((omega[:, 5:].min(), omega[:, :5].max()), abs=1e-4)
 
 
-def test_energy_of_a_burst():
-    """Against Runge's and Kutta's steps of own forces."""
-    atoms, share = tasks(5)['share']
-    burst = share.parts[0][1]
-    n = len(atoms)
-    atoms = at_rest(atoms)
-    calc, free, m = atoms.calc, free_of(atoms), atoms.get_masses()
-    i, j, R = calc.bonds.i, calc.bonds.j, calc.bond_vectors
-    s = calc.strengths[i] * calc.strengths[j]
-    T, along = 2 * np.pi * burst.cycles / burst.omega, burst.source.direction[:2]
-
-    def pull(u):
-        there = R + u[j] - u[i]
-        r = np.linalg.norm(there, axis=1)
-        each = (s * LAW.b * r ** (-LAW.a - 1))[:, None] * there
-        found = np.zeros((n, 2))
-        np.add.at(found, i, -each)
-        np.add.at(found, j, each)
-        return found
-
-    still = pull(np.zeros((n, 2)))
-
-    def rates(t, state, amplitude):
-        u, v = np.zeros((2, n, 2))
-        u[free], v[free] = state.reshape(2, -1, 2)
-        force = pull(u) - still - calc.foundation * u
-        if t < T:
-            force[burst.source.particle] += amplitude * np.sin(burst.omega * t) * np.sin(np.pi * t / T) ** 2 * along
-        return np.concatenate([v[free], (force / m[:, None] - burst.damping * v)[free]]).ravel()
-
-    t = burst.dt * (np.arange(round(burst.window[1] / burst.dt)) + 0.5)
-    t = t[t > burst.window[0]]
-    amplitude = 1e-6
-    v = solve_ivp(rates, (0, t[-1]), np.zeros(4 * len(free)), 'DOP853', t, args=(amplitude,), rtol=1e-7,
-                  atol=1e-9 * amplitude).y.reshape(2, len(free), 2, -1)[1]
-    inside = np.isin(free, burst.region)
-    energy = burst.dt * (m[free][inside, None, None] / 2 * v[inside] ** 2).sum()
-    assert burst.value(atoms) == pytest.approx(10 * np.log10(energy / amplitude**2), abs=1e-3)
-
-
 def test_what_is_refused():
     atoms = at_rest(tasks(2)['level'][0])
     held, free = (Dof(int(k), np.array([1.0, 0, 0])) for k in (atoms.constraints[0].index[0], free_of(atoms)[0]))
@@ -205,7 +162,6 @@ def test_what_is_refused():
     plain.calc = MagneticRepulsion(plain, LAW, foundation=0.1)
     for objective, structure, words in (
             (Level(free, held, 0.5, 0.01), atoms, 'it is held'), (Level(held, free, 0.5, 0.01), atoms, 'it is held'),
-            (BurstEnergy(held, (0,), (0, 10.0), 0.5, 3, 0.01), atoms, 'is held'),
             (BandEdge(np.zeros((1, 3)), 2, 'bottom'), plain, 'the cell has 2 branches'),
             (BandEdge([(0.1, 0.2, 0)], 2), atoms, 'this structure is finite'),
             (Level(Dof(999, np.ones(3)), free, 0.5, 0.01), atoms, 'there is no particle 999'),
@@ -214,7 +170,7 @@ def test_what_is_refused():
             objective.value(structure)
 
 
-WRONG = {'omega': np.nan, 'damping': -0.1, 'floor': -1.0, 'dt': 9.0, 'window': (8.0, 1.0), 'cycles': 0, 'region': (2, 999),
+WRONG = {'omega': np.nan, 'damping': -0.1, 'floor': -1.0,
          'below': 99, 'sharp': -3.0, 'q': (0.1, np.nan, 0)}
 
 
@@ -223,7 +179,7 @@ def test_wrong_numbers_are_refused(what):
     """Each was once an answer, or a design that "has no stable rest"; the control: with the right number there is one."""
     place = Dof(0, np.array([1.0, 0, 0]))
     objectives = [Level(place, place, 0.5, 0.01), Contrast(place, [1], [2], 0.5, 0.01),
-                  BurstEnergy(place, (1, 2), (0.0, 10.0), 0.5, 3, 0.01), BandEdge([(0.1, 0.2, 0.0)], 2)]
+                  BandEdge([(0.1, 0.2, 0.0)], 2)]
     atoms = at_rest(cell(3, 2))
     for one in objectives:
         if hasattr(one, what):
