@@ -223,7 +223,7 @@ def _fit_forces(options):
     from ..interactions.fits import SharedErrors, fit_forces, scene_entry
     from ..interactions.force_tables import read_forces
     from ..scenes.scene import read_scene
-    from .fit_report import force_report
+    from .fit_report import force_report, too_wide
     from .results import results
 
     _refuse(options, {'fix': 'fix', 'prior': 'priors', 'without': 'without'},
@@ -243,6 +243,8 @@ def _fit_forces(options):
         raise ValueError(f'{file}: {error}') from None
     entry, said = scene_entry(fit), force_report(file, options.magnet, forces, fit, shared, options.verbose)
     if (options.output or '').endswith('.toml'):
+        if wide := too_wide(forces, fit):
+            raise ValueError(f'{file}: {wide[0]}')
         _write_scene(options, entry)
         print(said, f'{options.output} is the scene with this law', sep='\n')
         return

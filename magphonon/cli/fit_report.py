@@ -17,6 +17,7 @@ from ..interactions.pair_laws import local_exponent
 from ..scenes.band_fits import ALL, KEYS, NEAREST, TELLS, BandFits
 from ..scenes.frf_fits import UNITS, FrfFits, missing_magnet
 from ..scenes.scene import Scene, toml
+from ..scenes.tolerances import LARGEST_TOLERANCE
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
 
@@ -45,7 +46,22 @@ def force_report(file: str, magnet: str | None, forces: Forces, fit: Fit, shared
         lines += [f'Its slope df/dr is {fit.slope / (u.N / u.m):.4g} N/m ({low:.4g} to {high:.4g}).', '',
                   f'{file}: {len(r)} forces from {r.min() / u.m:g} to {r.max() / u.m:g} m, {stated} uncertainties', '',
                   *_assumptions(magnet, forces, fit, shared)]
-    return '\n'.join([*lines, *_doubts_of_forces(forces, fit)])
+    return '\n'.join([*lines, *_doubts_of_forces(forces, fit), *too_wide(forces, fit)])
+
+
+def too_wide(forces: Forces, fit: Fit) -> list[str]:
+    """A line with what to measure, if the force is known less well than [uncertainty] of a scene may say."""
+    factor = fit.wide / NORMAL  # of Student's distribution, by which the intervals grow where the noise is learned from few rows
+    if (sigma := factor * np.sqrt(fit.covariance[0, 0])) <= LARGEST_TOLERANCE:
+        return []
+    if factor > 2:
+        why = (f'{len(forces.r)} rows are too few to learn their noise, which widens the intervals by a factor of {factor:.2g}. '
+               'Measure at least two more, or give the standard uncertainty of each force in a column sigma_N.')
+    else:
+        why = (f'most of it comes from: {max(fit.shares, key=lambda cause: fit.shares[cause])}. Measure more rows around the '
+               'spacing, or say with --sigma what is known better.')
+    return [f'The force has a standard deviation of {100 * sigma:.0f} %, and a scene takes at most '
+            f'{100 * LARGEST_TOLERANCE:g} %: {why}']
 
 
 def _assumptions(magnet, forces, fit, shared):

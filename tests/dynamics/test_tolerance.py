@@ -113,7 +113,7 @@ def test_a_law_cut_too_short_misses_the_tolerance():
     case = Case(17)  # a strain of a tenth
     with mock.patch.object(engine, 'LAW_SHARE', 1e4):
         misfit, dyn = case.misfit()
-    assert len(dyn._blocks._law) == 4  # where twelve are due
+    assert len(dyn._blocks._law) == 4  # where eleven are due
     assert misfit > 10
 
 

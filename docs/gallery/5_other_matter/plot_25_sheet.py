@@ -3,7 +3,7 @@ A sheet of argon under strain
 =============================
 
 For one layer of argon, `split` turns ASE's Lennard-Jones calculator into D0 and D*.  D* makes the transverse wave at M slower in
-compression and faster in tension, by 14 % at a strain of 6 %.  Circles use the forces of ASE's calculator in a frozen wave.
+compression and faster in tension, by 15 % at a strain of 6 %.  Circles use the forces of ASE's calculator in a frozen wave.
 """
 
 import numpy as np
