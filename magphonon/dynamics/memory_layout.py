@@ -119,7 +119,7 @@ def _grid(slot, bond, i, j, R):
     pairs = group * found.length + found.i
     if np.bincount(pairs).max() > 1:
         return None
-    length = int(slot.max() + 1 + offset[-1])
+    length = -(-int(slot.max() + 1) // LINE) * LINE + int(offset[-1])  # runs end on a cache line, and read their neighbours
     return Layout(slot, length + -length % LINE, bond, found.i, found.j, found.R, group, offset)
 
 

@@ -37,8 +37,8 @@ def test_nan_where_it_means_no_value_is_written(tmp_path):
 def test_a_command_whose_result_overflows_writes_nothing(tmp_path, capsys, monkeypatch):
     from magphonon.response import frf
 
-    def overflown(*arguments):
-        response = receptance(*arguments)
+    def overflown(*arguments, **options):
+        response = receptance(*arguments, **options)
         return replace(response, response=response.response * np.where(np.arange(len(response.omega)) < 3, np.inf, 1))
 
     receptance = frf.receptance
