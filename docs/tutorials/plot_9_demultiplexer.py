@@ -120,7 +120,8 @@ for row in table('copies'):
 #     found.sites, found.strengths, found.expected
 #
 # The same judge simulated the measurements of ten copies below 30 dB, with noise.  ``chi`` is the distance between responses and
-# model in units of the noise.  Above 2, ``trim`` refuses: with D0 in place of D0 + D* it explains no copy.
+# model in units of the noise, and between parts and design in units of their errors: about 1.  Above 2, ``trim`` refuses: with
+# D0 in place of D0 + D* it explains no copy.
 
 for row in table('trim'):
     model = {'complete': 'D0 + D*', 'conventional': 'D0'}[row['model']]

@@ -493,7 +493,7 @@ def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Map
         raise ValueError('a design needs one objective or more')
     variables = Variables(Structure(atoms), over, parts, sites, rod_mass)
     task = _Task(variables, targets, model, positive('tau', tau))
-    rng, whole_steps = np.random.default_rng(seed), whole('steps', steps)
+    rng, whole_steps = np.random.default_rng(whole('seed', seed, 0)), whole('steps', steps)
     x = np.clip(variables.present + FIRST * rng.normal(size=len(variables)), -1, 1)
     if errors is None and not variables.grades:
         x, history = _Ascent(task, x).run(whole_steps)
@@ -663,7 +663,10 @@ def _weakest(values):
 
 
 def _reached(values, percent):
-    return float(np.sort(_weakest(values))[round((1 - percent / 100) * (len(values) - 1))])
+    if not_negative('percent', percent) > 100:
+        raise ValueError(f'percent must be a number from 0 to 100, not {percent}')
+    below = int(len(values) * (1 - percent / 100) + 1e-9)  # copies that may be worse; 80 % of 5 are not 3.999
+    return float(np.sort(_weakest(values))[min(below, len(values) - 1)])
 
 
 def verify(atoms: Atoms, objective: Objective | Sequence[Objective], errors: Errors, copies: int = 100,
@@ -697,7 +700,7 @@ def verify(atoms: Atoms, objective: Objective | Sequence[Objective], errors: Err
     nearby = structure.rest()
 
     def of(errors):
-        rng, values = np.random.default_rng(seed), np.full((whole('copies', copies), len(targets)), np.nan)
+        rng, values = np.random.default_rng(whole('seed', seed, 0)), np.full((whole('copies', copies), len(targets)), np.nan)
         for row in values:
             draw = errors.draw(rng, *structure.shape)
             try:

@@ -33,7 +33,7 @@ SCAN = np.linspace(-3, 3, 25)  # deviations of the batch's force, in standard de
 STARTS, ROBUST = 3, 10.0  # the best of them that are tried; residuals far above this count only by their logarithm
 NOISES = 100, 50, 30, 20, 10, 5, 3, 2, 1, 1, 1, 1  # by which factor the noise is taken to be larger, step by step
 SHORTEST = 0.05  # of Gauss-Newton's step, which is halved while it leads up
-MOST_CHI = 2.0  # root of the mean square of residuals over noise above which the copy is not explained
+MOST_CHI = 2.0  # chi above which the copy is not explained; that of the right device is 1, give or take a tenth
 SOURCES = 3**0.5 * np.array([-1, 0, 1])  # deviations of the source's frequency, in standard deviations: the nodes of a Gaussian
 TAU = 3.0  # width of the soft minimum over targets and these frequencies, in the unit of the objective
 TRIED = 60  # exchanges that are tried for each one that is chosen, by their effect to first order
@@ -51,7 +51,8 @@ class Trim:
     built, expected : float
         The worst target of the copy as it was identified, for a source that may be off its frequency, before and after.
     chi : float
-        Root of the mean square of the residuals, in units of their noise.
+        Root of the minimum, `|(h - h(z))/sigma|^2 + |z|^2`, over the number of residuals: about 1 for the right device, whose
+        deviations are as large as its errors say.
     damping : float
         Factor of the damping rate that was assumed.
     parts : Parts
@@ -233,14 +234,14 @@ class _Copy:
             for noise in NOISES:
                 z = self._stepped(z, noise)
             r: Any = self.off(z)
-            found.append((r @ r + z @ z, float(np.sqrt(np.mean(r**2))), z))
-            if found[-1][1] < MOST_CHI**0.5:
+            found.append((float(np.sqrt((r @ r + z @ z) / len(r))), z))
+            if found[-1][0] < MOST_CHI**0.5:
                 break
-        _, chi, z = min(found, key=lambda one: one[0])
+        chi, z = min(found, key=lambda one: one[0])
         if chi > MOST_CHI:
             raise ValueError(f'the device with these errors does not explain the measured responses: chi = {chi:.2g} is their '
-                             f'distance in units of the noise, and above {MOST_CHI:g} an exchange would do harm; check errors, '
-                             'sigma, the places, and the model: it needs all neighbours, D*, and the mass of the pillars')
+                             f'distance in units of noise and errors, and above {MOST_CHI:g} an exchange would do harm; check '
+                             'errors, sigma, the places, and the model: it needs all neighbours, D*, and the mass of the pillars')
         return z, chi
 
     def _stepped(self, z, noise):

@@ -126,6 +126,8 @@ def interaction_along(laws: Laws, bonds: Bonds, kinds: NDArray[np.intp], strengt
     each, which, strength = laws_along(laws, bonds.i, bonds.j, kinds, strengths)
     scale = None if radii is None else radii[bonds.i] + radii[bonds.j]
     for k, law in enumerate(each):
+        if radii is None and getattr(law, 'elastic', False):
+            raise ValueError(f'{law!r} is a law of both radii: it needs radii= or a diameter, Overlap.spheres(..., diameter=d)')
         if radii is not None and hasattr(law, 'between'):
             own = which == k
             strength[own] *= law.between(radii[bonds.i[own]], radii[bonds.j[own]])

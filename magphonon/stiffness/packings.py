@@ -157,6 +157,8 @@ def packing(radii: ArrayLike, pressure: float, law: Overlap, seed: int = 0, dim:
     (True, True)
     """
     radii, pressure = finite('radii', radii), positive('pressure', pressure)
+    if not isinstance(law, Overlap) or law.diameter != 1:
+        raise ValueError(f'law must be an Overlap of the distance over the sum of both radii, with diameter 1, not {law!r}')
     positive('the smallest of the radii', radii.min(initial=np.inf), 'mm')
     if radii.ndim != 1 or len(radii) < 2**one_of('dim', dim, (2, 3)) * 4:
         raise ValueError(f'radii must be a list of at least {2**dim * 4} numbers, not of the shape {radii.shape}: a sphere must '
@@ -330,9 +332,12 @@ class Following(Calculator):
     def __init__(self, atoms: Atoms, skin: float = SKIN) -> None:
         super().__init__()
         calc: Any = repulsion_of(atoms)
-        if not isinstance(calc.laws, Overlap) or calc.sites.radii is None or calc.tied or calc.load.any():
-            raise ValueError('contacts are followed between spheres with the law Overlap and radii, without a foundation and a '
-                             'load: give the calculator radii=, or keep it as it is')
+        if not isinstance(calc.laws, Overlap) or calc.laws.diameter != 1 or calc.sites.radii is None:
+            raise ValueError('contacts are followed between spheres with the law Overlap, of diameter 1, and radii: give the '
+                             f'calculator radii=, or keep it as it is; it is {calc!r}')
+        if calc.tied or calc.load.any() or (calc.strengths != 1).any() or np.any(calc.gyration) or calc.model != 'complete':
+            raise ValueError('contacts are followed without a foundation, a load, strengths and gyration, in the complete model: '
+                             f'keep the calculator as it is, {calc!r}')
         self._law, self._radii, self._skin = calc.laws, calc.sites.radii, positive('skin', skin)
         self._listed: Any = 0, None  # positions, cell and pairs of the last list
 
@@ -340,6 +345,8 @@ class Following(Calculator):
                   system_changes: Sequence[str] = tuple(all_changes)) -> None:
         super().calculate(atoms, properties, system_changes)
         here: Any = self.atoms
+        if len(here) != len(self._radii):
+            raise ValueError(f'there are {len(self._radii)} spheres, and these atoms are {len(here)}')
         x, (at, cell, *pairs) = here.positions, self._listed
         if not np.array_equal(here.cell.array, cell) or (
                 2 * np.linalg.norm(x - at, axis=1).max() > self._skin * self._radii.min()):

@@ -111,10 +111,13 @@ def test_what_the_model_does_not_explain_is_refused():
     answers = measured(built(patch, ERRORS.draw(rng, len(patch), 2)), rng)
 
     def of(answers, **others):
-        return trim(patch, TARGET, answers, parts=STOCK, errors=ERRORS, damping=DAMPING, **others)
+        return trim(patch, TARGET, answers, **{'parts': STOCK, 'errors': ERRORS, 'damping': DAMPING} | others)
 
     with pytest.raises(ValueError, match=r'does not explain the measured responses: chi = \d+'):
         of(answers, model='conventional')
+    tenth = Errors(**{name: getattr(ERRORS, name) / 10 for name in ERRORS.names})
+    with pytest.raises(ValueError, match=r'chi = 3\.\d is their distance in units of noise and errors'):
+        of(answers, errors=tenth)  # responses are met within 1.8 of their noise, by parts that are as good as impossible
     for wrong, words in (([], 'holds no response'), ([replace(answers[0], sigma=None)], 'sigma, its noise'),
                          ([replace(answers[0], answer=X)], 'as Dof')):
         with pytest.raises(ValueError, match=words):
