@@ -241,7 +241,7 @@ def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> Ba
     try:
         path = alike.cell.bandpath(points, npoints=npoints, pbc=alike.pbc.tolist())
     except KeyError as error:
-        known = ', '.join(alike.cell.get_bravais_lattice(pbc=alike.pbc.tolist()).get_special_points())
+        known = ', '.join(alike.cell.get_bravais_lattice(pbc=alike.pbc.tolist()).get_special_points())  # pyright: ignore
         raise ValueError(f'this lattice has no special point {error}; a path joins some of {known}, without signs between them'
                          ) from None
     except RuntimeError as error:

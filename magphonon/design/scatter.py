@@ -272,7 +272,7 @@ class Rest:
             Phi = sparse.csr_array(P.T @ hessian(self.frame.bonds, self.K('complete'), self.springs) @ P)
             self.solve = inverse(sparse.csr_array(Phi + REGULAR * abs(Phi).max() * sparse.eye_array(Phi.shape[0])))
         if np.iscomplexobj(forces):
-            return self.solve(forces.real) + 1j * self.solve(forces.imag)
+            return self.solve(np.real(forces)) + 1j * self.solve(np.imag(forces))
         return self.solve(forces)
 
 

@@ -156,7 +156,7 @@ class Errors:
                      np.exp((self.each_stiffness_percent * springs + self.stiffness_percent * spring) / 100),
                      np.exp((self.each_mass_percent * masses + self.mass_percent * mass) / 100),
                      self.each_foot_mm * np.reshape(feet, (particles, dim)),
-                     *(float(np.exp(percent / 100 * one)) for percent, one in (
+                     *(float(np.exp(percent / 100 * one)) for percent, one in (  # pyright: ignore[reportCallIssue]  of three
                          (self.force_percent, force), (self.frequency_percent, frequency), (self.spacing_percent, spacing))),
                      float(self.exponent * exponent))
 

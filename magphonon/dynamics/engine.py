@@ -353,7 +353,7 @@ class Blocks:
         if self._alike:
             R, unit, g = (x.astype(dtype) for x in (layout.R[self._first].T, 1 / law.r0**2, law.g))
             strength, mine = each(np.ones(len(layout.i))), self._at[self._mobile[:, 0]]
-            if all(row[mine].all() and row[mine - offset].all() for row, offset in zip(strength, layout.offset, strict=True)):
+            if all(row[mine].all() and row[mine - offset].all() for row, offset in zip(strength, layout.offset, strict=True)):  # pyright: ignore
                 strength = None  # no bond is missing
         else:
             R, unit, g = each(layout.R.T, -1), each(1 / law.r0[kind] ** 2), each(law.g[kind])

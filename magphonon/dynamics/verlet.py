@@ -356,7 +356,8 @@ class DrivenVerlet(VelocityVerlet):
             return
         steps, self._counted, faster = self.nsteps - self._counted, self.nsteps, 1.0
         if lengths_of(u).max(initial=0.0) > HARMLESS * self.atoms.calc.bonds.shortest:
-            here, rest = (particle_bound(LinearSystem.about(self.atoms.calc, self.atoms), at) for at in (u, 0 * u))
+            about = LinearSystem.about(self.atoms.calc, self.atoms)  # pyright: ignore[reportArgumentType]  there are bonds
+            here, rest = particle_bound(about, u), particle_bound(about, 0 * u)
             faster = max(here / rest, 1.0)
         x, error = faster * self._omega * self.dt, self.splitting.error
         self._error += error(x, x * steps) - error(x, 0.0)

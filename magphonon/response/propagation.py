@@ -224,7 +224,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     push = constant_push(drives, len(atoms))
     system = LinearSystem.nearest(atoms).moving()
     if system.dim == 2:
-        refuse_motion_out_of_the_plane(atoms.calc, atoms)
+        refuse_motion_out_of_the_plane(system.calc, atoms)
     if system.left.any():  # constant drives may be part of the balance; on a structure at rest without them they are a step
         system, push = LinearSystem.nearest(atoms, push).balanced(), 0.0
     warn_of_times(system.calc, times[-1])

@@ -179,7 +179,7 @@ class BurstPlan(Table):
         if engine.get('engine') == 'least':
             engine, tolerance = engine | {'engine': 'auto'}, tolerance or TOLERANCE
             linear, change = _linear(patch, where, burst, engine.get('film', False))
-            if change <= tolerance:
+            if linear is not None and change <= tolerance:
                 return where, linear
         run = run_burst(patch, where, burst.drive, burst.damping, burst.duration, tolerance=tolerance, **engine)
         return where, replace(run, nonlinear=change)

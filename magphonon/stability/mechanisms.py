@@ -132,7 +132,7 @@ def self_stresses(system: LinearSystem) -> tuple[int, int]:
     """
     calc, free = system.calc, system.free
     n = calc.bond_vectors / calc.bonds.lengths[:, None]
-    acting = calc.rest_stiffness('complete').any(axis=(1, 2))
+    acting = np.asarray(calc.rest_stiffness('complete').any(axis=(1, 2)))
     floppy = int(_count(calc.bonds, acting[:, None, None] * n[:, :, None] * n[:, None], 0.0, free, np.zeros((1, 3)))[0])
     return int(acting.sum()) - free.shape[1] + floppy, floppy
 

@@ -296,7 +296,7 @@ class PairCalculator(Repulsion):
         gradient = self.interaction.forces(self.bond_vectors)[1]
         strength = lengths_of(gradient)
         sizes = np.bincount(bonds.i, strength, bonds.particles) + np.bincount(bonds.j, strength, bonds.particles)
-        return bonds.net(gradient), sizes[:, None]
+        return bonds.net(gradient), sizes[:, None].astype(float)
 
     @cached_property
     def slack(self) -> NDArray[np.float64]:

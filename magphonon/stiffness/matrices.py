@@ -128,9 +128,9 @@ def interaction_along(laws: Laws, bonds: Bonds, kinds: NDArray[np.intp], strengt
     for k, law in enumerate(each):
         if radii is None and getattr(law, 'elastic', False):
             raise ValueError(f'{law!r} is a law of both radii: it needs radii= or a diameter, Overlap.spheres(..., diameter=d)')
-        if radii is not None and hasattr(law, 'between'):
+        if radii is not None and (between := getattr(law, 'between', None)):
             own = which == k
-            strength[own] *= law.between(radii[bonds.i[own]], radii[bonds.j[own]])
+            strength[own] *= between(radii[bonds.i[own]], radii[bonds.j[own]])
     acting = interaction_of(Mixed(tuple(interaction_of(law, dim) for law in each), which, strength, scale), dim)
     if scale is not None and acting.central(dim) is None:
         raise ValueError('a law of the distance over the sum of both radii acts along the line between two particles; leave out '
