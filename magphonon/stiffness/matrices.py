@@ -120,17 +120,21 @@ def interaction_of(law: Law, dim: int) -> PairInteraction:
     return given if found is None else Central(found)
 
 
+def _of_radii(each, which, strength, Ri, Rj):
+    """The sum of both radii of each bond; strengths become those of laws that know both radii."""
+    for k, law in enumerate(each):
+        if between := getattr(law, 'between', None):
+            strength[which == k] *= between(Ri[which == k], Rj[which == k])
+    return Ri + Rj
+
+
 def interaction_along(laws: Laws, bonds: Bonds, kinds: NDArray[np.intp], strengths: NDArray[np.float64], dim: int,
                       radii: NDArray[np.float64] | None = None) -> PairInteraction:
     """The interaction of all bonds; see `laws_along`."""
     each, which, strength = laws_along(laws, bonds.i, bonds.j, kinds, strengths)
-    scale = None if radii is None else radii[bonds.i] + radii[bonds.j]
-    for k, law in enumerate(each):
-        if radii is None and getattr(law, 'elastic', False):
-            raise ValueError(f'{law!r} is a law of both radii: it needs radii= or a diameter, Overlap.spheres(..., diameter=d)')
-        if radii is not None and (between := getattr(law, 'between', None)):
-            own = which == k
-            strength[own] *= between(radii[bonds.i[own]], radii[bonds.j[own]])
+    if radii is None and (rigid := [law for law in each if getattr(law, 'elastic', False)]):
+        raise ValueError(f'{rigid[0]!r} is a law of both radii: it needs radii= or a diameter, Overlap.spheres(..., diameter=d)')
+    scale = None if radii is None else _of_radii(each, which, strength, radii[bonds.i], radii[bonds.j])
     acting = interaction_of(Mixed(tuple(interaction_of(law, dim) for law in each), which, strength, scale), dim)
     if scale is not None and acting.central(dim) is None:
         raise ValueError('a law of the distance over the sum of both radii acts along the line between two particles; leave out '
