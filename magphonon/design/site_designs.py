@@ -155,10 +155,10 @@ class Errors:
         return Parts(np.exp(self.each_strength_percent / 100 * strength),
                      np.exp((self.each_stiffness_percent * springs + self.stiffness_percent * spring) / 100),
                      np.exp((self.each_mass_percent * masses + self.mass_percent * mass) / 100),
-                     self.each_foot_mm * np.reshape(feet, (particles, dim)),  # pyright: ignore[reportCallIssue]  then three
+                     self.each_foot_mm * np.reshape(feet, (particles, dim)),
                      *(float(np.exp(percent / 100 * one)) for percent, one in (
                          (self.force_percent, force), (self.frequency_percent, frequency), (self.spacing_percent, spacing))),
-                     float(self.exponent * exponent))
+                     float(self.exponent * exponent))  # pyright: ignore[reportCallIssue]  after three
 
     def slopes(self, rest: Rest, by_sites: Mapping[str, Any], feet: NDArray[np.float64]) -> NDArray[Any]:
         """Derivatives by the numbers z of `parts`, from those by sites (`site_slopes`) of a structure on these feet.

@@ -188,7 +188,7 @@ def test_burst_in_the_shell(tmp_path, capsys):
         text = text.replace(old, new)
     (tmp_path / 'my.toml').write_text(text)
     words = ['burst', str(tmp_path / 'my.toml')]
-    assert main([*words, '-o', str(tmp_path / 'a')]) == 0
+    assert main([*words, '-o', str(tmp_path / 'a'), '--engine', 'ase']) == 0
     by_lammps = ['--engine', 'lammps', '--ranks', '2', '--files', str(tmp_path / 'files')]
     assert main([*words, '-o', str(tmp_path / 'b'), *by_lammps]) == 0
     name = '50Hz_90deg_complete.csv'
