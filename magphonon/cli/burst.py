@@ -56,7 +56,7 @@ def run(options: Namespace) -> None:
             _draw(save, name, plan.carriers_Hz[k], passages, found)
             records |= {f'{name}_{model}': found[model] for model in MODELS}
             largest |= {f'{name}_{model}': passage.largest for model, (*_, passage) in passages.items()}
-            methods |= {f'{name}_{model}': passage for model, (*_, passage) in passages.items()}
+            methods |= {f'{name}_{model}': (passage.steps, passage.nonlinear) for model, (*_, passage) in passages.items()}
         patch, site, _ = passages['complete']
         places = patch.calc.reference.positions[site.row, :2].T / units.m
         write_columns(folder / 'row.csv', ['step', 'particle', 'x_m', 'y_m'], [range(len(site.row)), site.row, *places])
@@ -77,19 +77,17 @@ def _report(scene, cell, records, largest):
     return warnings, [scene.title, *([] if found is None else [str(found)]), '', report(records), '', *quiet, *warnings]
 
 
-def _methods(passages, tolerance):
+def _methods(methods, tolerance):
     """A line that says which bursts are linear motion and which are time steps, and why; none if the user has chosen."""
     from ..scenes.plans import TOLERANCE
 
-    changes, limit = {name: one.nonlinear for name, one in passages.items()}, tolerance or TOLERANCE
-    if any(one.steps and np.isnan(one.nonlinear) for one in passages.values()):
+    stepped, linear = ([change for steps, change in methods.values() if steps is kind] for kind in (True, False))
+    if np.isnan(stepped).any():
         return []
-    stepped = [name for name, one in passages.items() if one.steps]
-    linear = max((changes[name] for name in passages.keys() - stepped), default=0.0)
-    return [f'{len(passages) - len(stepped)} of {len(passages)} bursts are exact linear motion, which nonlinear forces change by '
-            f'less than the tolerance of {limit:g} (by at most {linear:.1g})'
-            + (f'; {len(stepped)} take time steps, as nonlinear forces change them by up to '
-               f'{max(changes[name] for name in stepped):.1g}' if stepped else '')]
+    return [f'{len(linear)} of {len(methods)} bursts are exact linear motion, which nonlinear forces change by less than the '
+            f'tolerance of {tolerance or TOLERANCE:g} (by at most {max(linear, default=0.0):.1g})'
+            + f'; {len(stepped)} take time steps, as nonlinear forces change them by up to {max(stepped, default=0.0):.1g}'
+            * bool(stepped)]
 
 
 def _engine(options):

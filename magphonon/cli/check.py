@@ -77,8 +77,8 @@ def _in_short(scene, verdicts):
     if (supports := judged['supports']) is not None and supports.central:
         needed = units.in_words('N/m', max(filter(None, supports)) / (units.N / units.m))
         pillar = scene.foundation and scene.foundation.pillar
-        along = pillar and f' (a pillar has {units.in_words("N/m", pillar.along_N_per_m)})'
-        said.append(f'This assumes that it stays in its plane: each support must be stiffer than {needed} along z{along or ""}.')
+        own = f' (a pillar has {units.in_words("N/m", pillar.along_N_per_m)})' if pillar else ''
+        said.append(f'This assumes that it stays in its plane: each support must be stiffer than {needed} along z{own}.')
     elif across := judged.finding('supports').words:
         said.append(across)
     if (amplitude := judged['amplitude']) is not None and np.isfinite(amplitude):

@@ -242,7 +242,8 @@ def check_drives(drives: Sequence[Any], atoms: Atoms) -> None:
             _refuse_free_wall(drive, atoms)
         if isinstance(drive, Constant | Harmonic | ToneBurst) and drive.particles.max() < len(atoms):
             force = np.zeros((len(atoms), 3))
-            force[drive.particles] = _along(drive.direction, getattr(drive, 'force', getattr(drive, 'amplitude', None)))
+            strength = drive.force if isinstance(drive, Constant) else drive.amplitude
+            force[drive.particles] = _along(drive.direction, strength)
             refuse_held(force, atoms, f'the drive {type(drive).__name__}')
 
 

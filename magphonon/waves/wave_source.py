@@ -238,11 +238,12 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     """
     not_negative('damping', damping, '1/ms')
     patch = _at_rest(patch)
-    frame, dt = frame_of(patch, drive, duration), STEP_FRACTION * 2 / highest_frequency(patch)
+    top = highest_frequency(patch)
+    frame, dt = frame_of(patch, drive, duration, top), STEP_FRACTION * 2 / top
     seen = np.union1d(site.row, site.driven)
     if tolerance is not None:
         only = engine == 'lammps' or patch.calc.turning
-        dt, _ = step_within(tolerance, _highest(patch), duration, frame, (2,) if only else tuple(SPLITTINGS))
+        dt, _ = step_within(tolerance, fastest(top**2, patch.calc.turning), duration, frame, (2,) if only else tuple(SPLITTINGS))
 
     def moved(dt):
         """Motion of the row and of the whole patch in time steps of `dt`."""
@@ -270,16 +271,14 @@ def recorded(site: BurstSetup, motions: Sequence[Motion]) -> BurstRecord:
     return BurstRecord(row, field, float(largest))
 
 
-def frame_of(patch: Atoms, drive: ToneBurst, duration: float) -> float:
-    """Time in ms between two frames of the record of a burst; ValueError if no wave has its carrier, or the record is short."""
-    _refuse_above(drive.omega, _highest(patch), patch.calc.parameters.model)
+def frame_of(patch: Atoms, drive: ToneBurst, duration: float, top: float) -> float:
+    """Time in ms between two frames of the record of a burst, where the highest frequency is `top` in rad/ms; ValueError if
+    no wave has its carrier, or the record is short.
+    """
+    _refuse_above(drive.omega, fastest(top**2, patch.calc.turning), patch.calc.parameters.model)
     if not positive('duration', duration, 'ms') > drive.end:
         raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
     return 2 * np.pi / drive.omega / SAMPLES
-
-
-def _highest(patch):
-    return fastest(highest_frequency(patch) ** 2, patch.calc.turning)
 
 
 def _refuse_above(carrier, highest, model):

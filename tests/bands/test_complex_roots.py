@@ -122,7 +122,6 @@ def test_no_wave_is_missing_and_none_is_false(seeds):
         assert what_is_left(cell) < EXACT, seed
 
 
-@pytest.mark.filterwarnings('ignore:a force of')   # in another unit of time, forces are no magnets'
 @pytest.mark.parametrize('rate', few_first([1e-4, 1e8], 1))
 def test_waves_do_not_depend_on_the_unit_of_time(rate):
     for seed in range(4):

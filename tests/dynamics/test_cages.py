@@ -145,7 +145,6 @@ def test_where_it_is_clear_at_a_glance_no_pair_without_a_bond_is_near(spacing):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings('ignore:a velocity of')  # through other particles, which is the point
 def test_replicas_that_stand_in_each_other_are_not_judged():
     atoms = Atoms('Nd4', positions=[[0, 0, 0], [L0, 0, 0], [0, 0, 0], [L0, 0, 0]], masses=[MASS] * 4)
     atoms.calc = MagneticRepulsion(atoms, InversePower(b=1e-3, a=1.0), bonds=[(0, 1), (2, 3)])
@@ -155,7 +154,6 @@ def test_replicas_that_stand_in_each_other_are_not_judged():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings('ignore:(time steps|a velocity) of')  # almost no force acts
 def test_drifting_and_turning_as_a_whole_is_no_escape():
     atoms = patch(5, held=False, law=InversePower(b=1e-6, a=1.0))
     atoms.calc.set(foundation=0.0)

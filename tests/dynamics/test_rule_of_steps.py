@@ -109,7 +109,6 @@ def test_the_error_is_within_the_tolerance():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings('ignore:particles move by')   # of a force of 1 N, by which the drive is scaled
 def test_the_error_of_200_runs_is_within_the_tolerance_unless_they_are_chaotic():
     """Undamped motion by nearly half a spacing, for tens of periods, magnifies errors as no rule of frequencies knows."""
     assert np.sort(misfits(range(200)))[-3] < 1

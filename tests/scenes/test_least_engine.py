@@ -90,7 +90,6 @@ def test_bursts_are_within_the_tolerance_by_the_cheapest_method():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings('ignore:particles move by')   # of the linear answer, which is asked on purpose where it is wrong
 def test_200_bursts_are_within_the_tolerance_and_most_by_the_cheapest_method():
     worst, cheapest = judge(range(200))
     assert worst < 1
