@@ -187,14 +187,13 @@ class BurstPlan(Table):
 
 def _linear(patch, where, burst, film):
     """Exact linear motion of a burst, and its change by nonlinear forces in largest displacements; infinite if it is unstable."""
-    from ..dynamics.engine import highest_frequency
     from ..dynamics.motion import Motion
     from ..response.frf import nonlinear_change
     from ..response.propagation import propagate
     from ..waves.wave_source import SNAPSHOTS, frame_of, recorded
 
     system = LinearSystem.of(patch, 'gyration')
-    frame = frame_of(patch, burst.drive, burst.duration, highest_frequency(system))
+    frame, _ = frame_of(system, burst.drive, burst.duration)
     if not system.stable:
         return None, np.inf
     times, seen = frame * np.arange(int(burst.duration / frame) + 1), np.union1d(where.row, where.driven)

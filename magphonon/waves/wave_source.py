@@ -25,7 +25,7 @@ from ..dynamics.splittings import SPLITTINGS, StepsTooLong, step_within
 from ..dynamics.verlet import DrivenVerlet
 from ..errors import not_negative, one_of, positive
 from ..stiffness.repulsion import repulsion_of
-from ..stiffness.rest import freedom
+from ..stiffness.rest import LinearSystem, freedom
 from .ridge_tables import DRIVEN
 
 if TYPE_CHECKING:
@@ -238,8 +238,8 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     """
     not_negative('damping', damping, '1/ms')
     patch = _at_rest(patch)
-    top = highest_frequency(patch)
-    frame, dt = frame_of(patch, drive, duration, top), STEP_FRACTION * 2 / top
+    frame, top = frame_of(patch, drive, duration)
+    dt = STEP_FRACTION * 2 / top
     seen = np.union1d(site.row, site.driven)
     if tolerance is not None:
         only = engine == 'lammps' or patch.calc.turning
@@ -271,14 +271,15 @@ def recorded(site: BurstSetup, motions: Sequence[Motion]) -> BurstRecord:
     return BurstRecord(row, field, float(largest))
 
 
-def frame_of(patch: Atoms, drive: ToneBurst, duration: float, top: float) -> float:
-    """Time in ms between two frames of the record of a burst, where the highest frequency is `top` in rad/ms; ValueError if
+def frame_of(patch: Atoms | LinearSystem, drive: ToneBurst, duration: float) -> tuple[float, float]:
+    """Time in ms between two frames of the record of a burst, and the highest frequency of its patch in rad/ms; ValueError if
     no wave has its carrier, or the record is short.
     """
+    top = highest_frequency(patch)
     _refuse_above(drive.omega, fastest(top**2, patch.calc.turning), patch.calc.parameters.model)
     if not positive('duration', duration, 'ms') > drive.end:
         raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
-    return 2 * np.pi / drive.omega / SAMPLES
+    return 2 * np.pi / drive.omega / SAMPLES, top
 
 
 def _refuse_above(carrier, highest, model):
