@@ -119,11 +119,7 @@ def trim(atoms: Atoms, objective: Objective | Sequence[Objective], measured: Seq
     """
     targets = (objective,) if isinstance(objective, Objective) else tuple(objective)
     stock = np.unique(np.atleast_1d(finite('parts', parts)))
-    for one in measured:
-        if not (isinstance(one.drive, Dof) and isinstance(one.answer, Dof)) or one.sigma is None:
-            raise ValueError(f'{one.name}: a measured response needs drive and answer as Dof, and sigma, its noise')
-    if not measured:
-        raise ValueError('measured holds no response; give those of a port or two')
+    _refuse_unplaced(measured)
     structure, prior = Structure(atoms), Before.of(('damping',), {'damping': (1.0, DAMPING)})
     copy = _Copy(measured, prior, 1.0, structure, structure.rest(model=model), errors, positive('damping', damping, '1/ms'))
     place, chi = copy.identified()
@@ -140,6 +136,14 @@ def trim(atoms: Atoms, objective: Objective | Sequence[Objective], measured: Seq
             break
         now, chosen[site] = best, strength
     return Trim(tuple(chosen), tuple(chosen.values()), before, now.worst, chi, factor, identified)
+
+
+def _refuse_unplaced(measured):
+    if not measured:
+        raise ValueError('measured holds no response; give those of a port or two')
+    for one in measured:
+        if not (isinstance(one.drive, Dof) and isinstance(one.answer, Dof)) or one.sigma is None:
+            raise ValueError(f'{one.name}: a measured response needs drive and answer as Dof, and sigma, its noise')
 
 
 @dataclass(frozen=True, eq=False)
