@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms
+from ridge_lattices import cantilever
 from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, lattices, read_scene, relaxed
 from magphonon.design import BandEdge, Contrast, Errors, Level, optimise, verify, write_build_list
-from magphonon.design.site_designs import Structure
+from magphonon.design.site_designs import Structure, Variables
 from magphonon.errors import Unstable
 from magphonon.response import Dof, harmonic_response
 from magphonon.scenes.tolerances import Uncertainty
@@ -92,6 +93,14 @@ def test_a_design_of_parts_that_can_be_bought():
     np.testing.assert_allclose(design.atoms.calc.foundation[free, 0], 0.02 * rods**4, rtol=1e-12)
     middle = np.array(design.history)
     assert middle[-5:].mean() > middle[:5].mean()
+    # from where on its rods are no springs: a cantilever with 33/140 of its mass is right to 0.3 % of its weight up to x = 5
+    [words] = [line for line in design.words if 'Rods count as springs' in line]
+    omega = 2e-3 * np.pi * float(words.partition('below ')[2].split()[0])
+    x = 3 * 0.1 * 140 / 33 * rods**2 * omega**2 / (0.02 * rods**4)
+    assert x.max() == pytest.approx(5, rel=1e-3)
+    assert abs(cantilever(x) - 1 + 33 / 420 * x).max() < 0.003 * x.max() / 3 < abs(cantilever(4 * x) - 1 + 33 / 105 * x).max()
+    light = replace(design, variables=Variables(Structure(patch(20.0)), {'rod': (0.95, 1.05)}, rod_mass=1e-3), x=np.zeros(7))
+    assert not any('Rods' in line for line in light.words)
 
 
 @pytest.mark.slow
