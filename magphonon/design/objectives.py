@@ -99,6 +99,14 @@ class _Driven(Objective):
                 f'to {units.hertz(high):.4g} Hz: no wave carries it, and the motion dies out around its source.']
 
 
+def targets_of(objective: Objective | Sequence[Objective]) -> tuple[Objective, ...]:
+    """One objective or several as a tuple, which is not empty."""
+    targets = (objective,) if isinstance(objective, Objective) else tuple(objective)
+    if not targets:
+        raise ValueError('nothing is to be made large: give one objective or more')
+    return targets
+
+
 def soft_minimum(values: NDArray[np.float64], width: float) -> tuple[float, NDArray[np.float64]]:
     """The soft minimum `-w ln mean exp(-J/w)` of values, and its derivative by each value."""
     e = np.exp(-(values - values.min()) / positive('width of a soft minimum', width))
@@ -163,6 +171,8 @@ class Level(_Driven):
 def _decibels(rest, of, terms):
     """Sum of signed levels and its slope: with G the response, dJ = -2 Re sum c (u* d) G dH y, c = sign 10/ln 10/energy."""
     (n, dim), driven = rest.springs.shape, _dofs(of.source)
+    if not all(isinstance(one, Dof) for one in driven):
+        raise ValueError(f'the source must be Dof, each a particle and a direction, not {driven}')
     force = np.sum([one.force(n)[:, :dim] for one in driven], axis=0)
     at = f'a force on particle {", ".join(str(one.particle) for one in driven)}'
     if not rest.frame.along(force).any():
@@ -184,7 +194,10 @@ def _decibels(rest, of, terms):
 
 
 def _dofs(places):
-    return [places] if isinstance(places, Dof) else list(places)
+    each = list(np.atleast_1d(np.asarray(places, object)))
+    if not each:
+        raise ValueError('an objective has no source, or no place where it is seen; give a particle or more')
+    return each
 
 
 def _seen(places, n, dim):

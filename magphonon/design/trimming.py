@@ -26,7 +26,7 @@ from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
 from ..stiffness.matrices import Model
 from .least_squares import Before
-from .objectives import Objective, soft_minimum
+from .objectives import Objective, soft_minimum, targets_of
 from .scatter import Rest, Slope, form, site_slopes
 from .site_designs import COMMON, Errors, Parts, Structure
 from .site_unknowns import ManyUnknowns, Place
@@ -85,7 +85,7 @@ def trim(atoms: Atoms, objective: Objective | Sequence[Objective], measured: Seq
     parts : array_like
         Strengths of the magnets in stock, in the unit of the strengths of the calculator.
     errors : Errors
-        How well the device was built.
+        How well the device was built; those of the exponent are not identified.
     damping : float
         Damping rate that is expected, in 1/ms; it is fitted.
     exchanges : int
@@ -117,9 +117,8 @@ def trim(atoms: Atoms, objective: Objective | Sequence[Objective], measured: Seq
     >>> round(found.parts.force, 3), found.expected > found.built + 1
     (1.02, True)
     """
-    targets = (objective,) if isinstance(objective, Objective) else tuple(objective)
-    stock = np.unique(np.atleast_1d(finite('parts', parts)))
-    _refuse_unplaced(measured)
+    targets, stock = targets_of(objective), np.unique(np.atleast_1d(finite('parts', parts)))
+    _refuse_unplaced(measured, stock)
     structure, prior = Structure(atoms), Before.of(('damping',), {'damping': (1.0, DAMPING)})
     copy = _Copy(measured, prior, 1.0, structure, structure.rest(model=model), errors, positive('damping', damping, '1/ms'))
     place, chi = copy.identified()
@@ -138,12 +137,14 @@ def trim(atoms: Atoms, objective: Objective | Sequence[Objective], measured: Seq
     return Trim(tuple(chosen), tuple(chosen.values()), before, now.worst, chi, factor, identified)
 
 
-def _refuse_unplaced(measured):
+def _refuse_unplaced(measured, stock):
     if not measured:
         raise ValueError('measured holds no response; give those of a port or two')
     for one in measured:
-        if not (isinstance(one.drive, Dof) and isinstance(one.answer, Dof)) or one.sigma is None:
-            raise ValueError(f'{one.name}: a measured response needs drive and answer as Dof, and sigma, its noise')
+        if not (isinstance(one.drive, Dof) and isinstance(one.answer, Dof)) or one.sigma is None or not np.all(one.sigma > 0):
+            raise ValueError(f'{one.name}: a measured response needs drive and answer as Dof, and sigma, its noise, above zero')
+    if not len(stock) or stock[0] <= 0:
+        raise ValueError(f'parts must be the positive strengths of the magnets in stock, not {stock.tolist()}')
 
 
 @dataclass(frozen=True, eq=False)

@@ -166,7 +166,9 @@ def test_what_is_refused():
             (BandEdge(np.zeros((1, 3)), 2, 'bottom'), plain, 'the cell has 2 branches'),
             (BandEdge([(0.1, 0.2, 0)], 2), atoms, 'this structure is finite'),
             (Level(Dof(999, np.ones(3)), free, 0.5, 0.01), atoms, 'there is no particle 999'),
-            (Contrast(free, [free.particle], [999], 0.5, 0.01), atoms, 'must be indices from 0')):
+            (Contrast(free, [free.particle], [999], 0.5, 0.01), atoms, 'must be indices from 0'),
+            (Contrast([], [0], [1], 0.5, 0.01), atoms, 'no source'), (Contrast(free, [], [1], 0.5, 0.01), atoms, 'no source'),
+            (Contrast(7, [0], [1], 0.5, 0.01), atoms, 'the source must be Dof')):
         with pytest.raises(ValueError, match=words):
             objective.value(structure)
 

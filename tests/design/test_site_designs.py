@@ -163,6 +163,19 @@ def test_verified_copies_are_structures_that_come_to_rest_again():
     assert set(found.table()) == set(errors.names)
 
 
+@pytest.mark.parametrize('seed', few_first(range(8), 2))
+def test_copies_whose_bonds_are_no_longer_those_of_neighbours_are_refused(seed):
+    """Feet so far off that magnets without a bond stand side by side; with bonds that reach them the copies are fine."""
+    rng = np.random.default_rng(seed)
+    target, off = Contrast(Dof(9, X), [8], [10], 0.4, 0.02), float(rng.uniform(3.5, 5.0))
+    near, far = patch(20.0, 0.5), patch(20.0, 0.5)
+    far.calc = MagneticRepulsion(far, LAW, cutoff=42.0, foundation=0.5)
+    with pytest.raises(ValueError, match=r'which have no bond, to within .* give the structure a larger cutoff'):
+        verify(near, target, Errors(each_foot_mm=off), copies=20, seed=seed)
+    assert np.isfinite(verify(near, target, Errors(each_foot_mm=off / 10), copies=2, seed=seed).values).all()
+    assert verify(far, target, Errors(each_foot_mm=off), copies=2, seed=seed).values.shape == (2, 1)
+
+
 def test_a_build_list_is_the_structure(tmp_path):
     """Of a scene that reads it: the same levels."""
     design = bought(12)
@@ -194,7 +207,7 @@ def test_a_design_that_buckles_is_never_returned(foundation):
     atoms.calc = MagneticRepulsion(atoms, LAW, foundation=foundation)
     soften = -1.0 * BandEdge([[0.5, 0.5, 0], [0, 0, 0]], 18, 'top')
     if foundation < 0.06:
-        with pytest.raises(Unstable, match='the bounds exclude stable structures'):
+        with pytest.raises(Unstable, match='begin with a structure that is stable'):
             optimise(atoms, soften, {'spring': (0.9, 1.0)}, steps=5)
         return
     design = optimise(atoms, soften, {'spring': (0.1, 1.0)}, steps=5)
@@ -221,7 +234,7 @@ def test_hostile_questions():
                          ({'strength': [-1.0]}, 'positive factors')):
         with pytest.raises(ValueError, match=words):
             optimise(atoms, level, OVER, parts=parts)
-    with pytest.raises(ValueError, match='one objective or more'):
+    with pytest.raises(ValueError, match='give one objective or more'):
         optimise(atoms, [], OVER)
     with pytest.raises(ValueError, match=r'two increasing positive factors, not 1\.2 and 0\.8'):
         optimise(atoms, level, {'strength': (1.2, 0.8)})
