@@ -253,8 +253,8 @@ class Structure:
         if strange.any():
             k = np.where(strange, r, np.inf).argmin()
             raise ValueError(f'errors bring particles {i[k]} and {j[k]}, which have no bond, to within {r[k]:.3g} mm; the '
-                             f'shortest bond is {self.kept:.3g} mm long, so their repulsion would be missed: give the structure a '
-                             'larger cutoff, or smaller errors')
+                             f'shortest bond is {self.kept:.3g} mm long, so their repulsion would be missed: give the structure '
+                             'a larger cutoff, or smaller errors')
 
     def at(self, rest: Rest, parts: Parts) -> Atoms:
         """The structure as atoms at rest, with their calculator."""
