@@ -9,7 +9,7 @@ from ridge_lattices import cantilever
 from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, lattices, read_scene, relaxed
-from magphonon.design import BandEdge, Contrast, Errors, Level, optimise, verify, write_build_list
+from magphonon.design import BandEdge, Contrast, Errors, optimise, verify, write_build_list
 from magphonon.design.site_designs import Structure, Variables
 from magphonon.errors import Unstable
 from magphonon.response import Dof, harmonic_response
@@ -221,13 +221,13 @@ def test_hostile_questions():
     atoms = patch()
     middle, right, _ = places(atoms)
     held = Dof(int(atoms.constraints[0].index[0]), X)
-    level = Level(middle, right, 0.4, 0.02)
+    level = Contrast(middle, right, (), 0.4, 0.02)
     with pytest.raises(ValueError, match='nothing can vary'):
         optimise(atoms, level, {})
     with pytest.raises(ValueError, match='its parts cancel'):
         optimise(atoms, level - level, OVER)
     with pytest.raises(ValueError, match=r'particle \d+ does not move .* it is held'):
-        optimise(atoms, Level(middle, held, 0.4, 0.02), OVER)
+        optimise(atoms, Contrast(middle, held, (), 0.4, 0.02), OVER)
     with pytest.raises(ValueError, match='give each site the mass of both'):
         optimise(atoms, level, {'rod': (0.9, 1.1)}, rod_mass=0.7)
     for parts, words in (({'mass': [1.0]}, 'parameters that vary'), ({'strength': [0.1]}, 'lies within its bounds'),
@@ -248,7 +248,7 @@ def test_hostile_questions():
     bare = patch(foundation=0.0)
     with pytest.raises(ValueError, match='there is none; give a foundation'):
         optimise(bare, level, {'spring': (0.8, 1.2)})
-    far = optimise(atoms, Level(middle, right, 3.0, 0.02), {'strength': (0.9, 1.1)}, steps=2)
+    far = optimise(atoms, Contrast(middle, right, (), 3.0, 0.02), {'strength': (0.9, 1.1)}, steps=2)
     assert any('outside the natural frequencies' in words for words in far.words)
     for wrong in ({'steps': 0}, {'tau': 0.0}, {'errors': Errors(force_percent=1.0), 'draws': 0}):
         with pytest.raises(ValueError, match=r'whole number|positive'):
