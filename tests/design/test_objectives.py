@@ -123,15 +123,6 @@ def test_bonds_to_own_images_count_at_both_ends(seed):
     assert abs(ours - theirs).max() < DIGITS * abs(theirs).max()
 
 
-def test_the_rest_that_follows_matters():
-    """The control: slopes at fixed positions are wrong."""
-    atoms, objective = tasks(11)['level']
-    rest = Structure(atoms).rest()
-    slope = objective.value_and_slope(rest)[1]
-    moving, fixed = (site_slopes(rest, slope, at_rest)['strength'] for at_rest in (False, True))
-    assert abs(moving - fixed).max() > 0.1 * abs(moving).max()
-
-
 def at_rest(atoms):
     """The atoms at rest, by the solver of designs."""
     structure = Structure(atoms)
