@@ -110,7 +110,7 @@ def test_a_patch_with_a_rim_keeps_it():
 
 
 @pytest.mark.parametrize(('changes', 'message'), [
-    ({'defects': {}}, 'defects.vacancies_m'),
+    ({'defects': {}}, "defects lacks the key 'vacancies_m'"),
     ({'defects': {'vacancies_m': [[5.0, 0.0]]}, 'patch': {'kind': 'parallelogram', 'cells_1': 7, 'cells_2': 7}, 'frf': None},
      r's\.toml: defects\.vacancies_m\[0\] = \[5\.0, 0\.0\] is outside the structure'),
     ({'defects': {'vacancies_m': [[0.0, 0.0], [0.0, 1e-4]]}}, r'names the particle at \[0, 0\] twice'),
