@@ -76,16 +76,19 @@ def _in_short(scene, verdicts):
     said = [judged.finding('buckling').words]
     if (rigidity := judged['rigidity']) and rigidity.reserve:
         said.append(f'{rigidity.reserve}.')
-    if (supports := judged['supports']) is not None and supports.central:
-        needed = units.in_words('N/m', max(filter(None, supports)) / (units.N / units.m))
-        pillar = scene.foundation and scene.foundation.pillar
-        own = f' (a pillar has {units.in_words("N/m", pillar.along_N_per_m)})' if pillar else ''
-        said.append(f'This assumes that it stays in its plane: each support must be stiffer than {needed} along z{own}.')
-    elif across := judged.finding('supports').words:
-        said.append(across)
+    said += _across(judged, scene.foundation and scene.foundation.pillar)
     if (amplitude := judged['amplitude']) is not None and np.isfinite(amplitude):
         said.append(f'Linear to 1 % up to an amplitude of {units.in_words("m", amplitude / units.m, digits=2)}.')
     return ' '.join(said)
+
+
+def _across(judged, pillar):
+    """Which stiffness its supports need along z, and which a pillar has."""
+    if (supports := judged['supports']) is None or not supports.central:
+        return list(filter(None, [judged.finding('supports').words]))
+    needed = units.in_words('N/m', max(filter(None, supports)) / (units.N / units.m))
+    own = f' (a pillar has {units.in_words("N/m", pillar.along_N_per_m)})' if pillar else ''
+    return [f'This assumes that it stays in its plane: each support must be stiffer than {needed} along z{own}.']
 
 
 def _guide(scene, atoms):
