@@ -22,4 +22,3 @@ from .phonopy_files import (
     write_phonopy_params as write_phonopy_params,
 )
 from .topology import chern_numbers as chern_numbers, edge_flow as edge_flow
-from .zone import frequency_ratio as frequency_ratio, zone_map as zone_map

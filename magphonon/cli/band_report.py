@@ -10,11 +10,10 @@ import numpy as np
 
 from .. import units
 from ..bands.bands import Bands, cut_off, points_on, sound_speeds
-from ..bands.bloch import bloch_modes
+from ..bands.bloch import PLANAR, bloch_modes
 from ..bands.density import band_gaps
 from ..bands.force_constants import foundation_recovered
 from ..bands.topology import chern_numbers
-from ..bands.zone import PLANAR
 from ..interactions.pair_laws import repulsion
 from ..scenes.laws import ALL
 from ..stability.buckling import common_spring, common_support, critical_foundation, on_the_verge
