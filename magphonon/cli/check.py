@@ -12,7 +12,7 @@ import numpy as np
 from .. import units
 from .arguments import add_scene, add_verbose
 
-HELP = 'is the structure stable, how much more force does it bear, what must its supports hold, up to which amplitude is it linear?'
+HELP = 'is the structure stable, how far from collapse, what must its supports hold, up to which amplitude is it linear?'
 JUDGED = 20_000
 """Largest number of particles of a patch that gets a verdict of its own.  This takes about ten seconds at this size, and the time
 grows with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""

@@ -589,8 +589,8 @@ def rigidity(case: Case) -> Finding:
     if not found.reserve:
         return Finding(found)
     cells = ' by motion that is equal in all cells' if case.atoms.pbc.any() and case.system.free.shape[1] > FEW else ''
-    return Finding(found, f'{found.reserve}, with the same spring constants{cells}. States of self-stress: {found.self_stresses}; '
-                   f'motions that stretch no bond: {found.floppy}.')
+    return Finding(found, f'{found.reserve}, with the same spring constants{cells}. States of self-stress: '
+                   f'{found.self_stresses}; motions that stretch no bond: {found.floppy}.')
 
 
 @remark
