@@ -199,5 +199,4 @@ def test_ases_picture_of_bands_has_all_of_them_within_its_axes(foundation):
     assert (low < 0) == (bands.omega.min() < 0)
     assert ax.get_ylabel() == 'frequency (Hz)'
     assert len(ax.lines) >= 2
-    assert bands._repr_png_().startswith(b'\x89PNG')
     assert bands.to_ase().plot(Figure().add_subplot(), emax=50).get_ylim()[1] == 50
