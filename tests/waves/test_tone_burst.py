@@ -15,7 +15,7 @@ from magphonon.dynamics.motion import Motion
 from magphonon.lattices.patches import RIM
 from magphonon.response import Dof, receptance
 from magphonon.waves.ridge_tables import SOURCES, write_ridges
-from magphonon.waves.wave_analysis import Wave, waves
+from magphonon.waves.wave_analysis import MODELS, Wave, waves
 from magphonon.waves.wave_report import report
 from magphonon.waves.wave_source import burst_setup, polarisations, run_burst, wavevector
 
