@@ -1,7 +1,6 @@
 """The card of a law: scenes, fits and verdicts read it; a law of a script needs none and behaves as the built-in ones."""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -178,13 +177,6 @@ def test_all_neighbours_take_any_mixture_of_gaussians():
     for cell, one in zip(cells, (law, Own()), strict=True):
         cell.calc = AllNeighbours(cell, one, foundation=0.1)
     assert_allclose(*(bloch_modes(cell, [[0.3, 0.1, 0]])[0] for cell in cells), rtol=1e-12)
-
-
-def test_bond_laws_need_no_magnets():
-    """The core: what finds the law of a bond imports no magnets."""
-    source = (Path(room.__file__).parent / 'bond_laws.py').read_text(encoding='utf-8')
-    assert 'magnet_pairs' not in source
-    assert 'upright' not in source
 
 
 @pytest.mark.parametrize('apart', [3e-6, 3e-5, 1e-4])

@@ -1,4 +1,4 @@
-"""Forces between real magnets: against charges, multipoles, published values, magpylib, and each derivative of the law."""
+"""Forces between real magnets: against charges, multipoles, published values, and each derivative of the law."""
 
 from itertools import product
 from math import comb
@@ -202,27 +202,6 @@ def test_magnets_in_one_another_have_no_force(first, second, offset, apart):
     with pytest.raises(ValueError, match='touch or overlap'):
         pair_force(first, second, offset)
     assert np.isfinite(pair_force(first, second, apart)).all()
-
-
-# --- magpylib ---
-
-
-def magpylib_ring(magnet, **where):
-    magpylib = pytest.importorskip('magpylib')
-    size = np.array([magnet.inner / 2, magnet.outer / 2, magnet.height, 0, 360])
-    size[:3] /= u.m
-    return magpylib.magnet.CylinderSegment(dimension=size, polarization=(0, 0, magnet.remanence / u.T), **where)
-
-
-@pytest.mark.peer
-def test_magpylibs_field_on_the_charges_gives_the_same_force():
-    points, charges = face_charges(RING, 24)
-    source = magpylib_ring(RING)
-    for r in (8.0, 10.0):
-        field = source.getB((points + np.array([r, 0, 0])) / u.m)
-        force = charges @ field * u.T
-        # 24 x 48 nodes and the elliptic integrals of magpylib: about 1e-12
-        assert repulsion(magnet_law(RING), r) == pytest.approx(force[0], rel=1e-9)
 
 
 # --- the law ---

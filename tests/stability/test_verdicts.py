@@ -246,12 +246,6 @@ def test_a_structure_of_which_nothing_can_move_is_refused_in_words(tool, finite)
         tool(atoms)
 
 
-def test_a_planar_structure_is_in_its_plane_already():
-    atoms = lattices.square(1.0, 1.0)
-    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=5.0)
-    assert atoms.calc.in_plane() is atoms.calc
-
-
 class Slip(InversePower):
     """A law with a slip that complex distances alone meet, as differences for higher derivatives are complex."""
 
