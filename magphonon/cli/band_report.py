@@ -20,7 +20,7 @@ from ..stability.buckling import common_spring, common_support, critical_foundat
 from ..stability.verdicts import verdict
 from ..stiffness.elastic import elastic_moduli
 from ..stiffness.rest import freedom
-from .neighbours import omission, too_few
+from .neighbours import chosen, omission, too_few
 
 if TYPE_CHECKING:
     from phonopy import Phonopy
@@ -46,7 +46,7 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
     """
     gyrates = atoms.calc.turning > 0
     stability, buckles = _stability(atoms)
-    page = [_effect(bands) + ('' if buckles else f' {stability}')]
+    page = [_effect(bands) + chosen(scene) + ('' if buckles else f' {stability}')]
     page += ['These are the bands of the perfect lattice; "magphonon modes" includes [defects].'] if scene.defects else []
     if verbose:
         page += _lattice(scene, atoms)
