@@ -730,9 +730,13 @@ def verify(atoms: Atoms, objective: Objective | Sequence[Objective], errors: Err
 def write_build_list(path: str | PathLike[str], atoms: Atoms) -> None:
     """Write the build list of a structure as CSV in SI: position of the foot, mass, strength, stiffness and whether it is held.
 
-    Strengths are relative to those of the calculator's law, stiffnesses are along x.  A scene reads the list as its particles.
+    Strengths are relative to those of the calculator's law.  A scene reads the list as its particles.  ValueError if the list has
+    no place for what the structure is: periodic, not planar, on springs that differ along x and y, or under loads.
     """
     calc: Any = atoms.calc
+    if atoms.pbc.any() or calc.dim != 2 or np.ptp(np.atleast_2d(calc.foundation), axis=-1).any() or calc.load.any():
+        raise ValueError('a build list is that of a finite planar structure with round rods and no loads: it has no place for a '
+                         'cell, for heights, for springs that differ along x and y, and for loads')
     middle = (calc.anchors.min(axis=0) + calc.anchors.max(axis=0)) / 2
     x, y, _ = ((calc.anchors - middle) / units.m).round(12).T + 0.0  # no zeros of round-off
     held = ~LinearSystem.of(atoms).mobile
