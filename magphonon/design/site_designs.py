@@ -497,7 +497,7 @@ def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Map
     rng, whole_steps = np.random.default_rng(whole('seed', seed, 0)), whole('steps', steps)
     x = np.clip(variables.present + FIRST * rng.normal(size=len(variables)), -1, 1)
     if errors is None and not variables.grades:
-        x, history = _Ascent(task, x).run(whole_steps)
+        x, history = _ascended(task, x, whole_steps)
     else:
         x, history = _drifted(task, x, errors, rng, whole_steps, whole('draws', draws) if errors else 1)
     structure, chosen, before = variables.structure, variables.parts(x), np.full(len(targets), np.nan)
@@ -594,42 +594,36 @@ def _drifted(task, x, errors, rng, steps, draws):
     return x, history
 
 
-class _Ascent:
-    """An ascent by L-BFGS-B, with the best design so far."""
+def _ascended(task, x, steps):
+    """The best parameters that L-BFGS-B finds, and the best value at each evaluation."""
+    best, value, history = x, -np.inf, []
 
-    def __init__(self, task, x):
-        self.task, self.best, self.value, self.history = task, x, -np.inf, []
-
-    def run(self, steps):
-        """The best parameters found, and the best value at each evaluation."""
-        for _ in range(RESTARTS):
-            before = self.task.buckled
-            minimize(self.down, self.best, jac=True, method='L-BFGS-B', bounds=[(-1, 1)] * len(self.best),
-                     options={'maxiter': steps, 'maxfun': 2 * steps})
-            if self.task.buckled == before or not np.isfinite(self.value) or len(self.history) > 2 * steps:
-                break  # else a trial that buckled has stopped it
-        if not np.isfinite(self.value):
-            raise Unstable(f'of {len(self.history) + self.task.buckled} designs that were tried within the bounds, none has a '
-                           'stable equilibrium: begin with a structure that is stable, such as one with stiffer springs; widen '
-                           'the bounds if they exclude it')
-        return self.best, self.history
-
-    def down(self, x):
-        """The function that is minimised, and its slope; where the structure buckles, it is very large and flat."""
+    def down(x):  # where the structure buckles, it is very large and flat
+        nonlocal best, value
         try:
-            value, slope = self.task(x)
-            if value > self.value and not self.task.holds(x):
+            found, slope = task(x)
+            if found > value and not task.holds(x):
                 raise Unstable('waves of the cell grow')
         except Unstable:
-            self.task.buckled += 1
-            known = self.value if np.isfinite(self.value) else 0.0
+            task.buckled += 1
+            known = value if history else 0.0
             return FAR * (1 + abs(known)) - known, np.zeros(len(x))
-        if not self.history:
+        if not history:
             _refuse_flat(slope)
-        if value > self.value:
-            self.best, self.value = x.copy(), value
-        self.history.append(self.value)
-        return -value, -slope
+        if found > value:
+            best, value = x.copy(), found
+        history.append(value)
+        return -found, -slope
+
+    for _ in range(RESTARTS):
+        before, limits = task.buckled, {'maxiter': steps, 'maxfun': 2 * steps}
+        minimize(down, best, jac=True, method='L-BFGS-B', bounds=[(-1, 1)] * len(x), options=limits)
+        if task.buckled == before or not history or len(history) > 2 * steps:
+            break  # else a trial that buckled has stopped it
+    if not history:
+        raise Unstable(f'of {task.buckled} designs that were tried within the bounds, none has a stable equilibrium: begin with '
+                       'a structure that is stable, such as one with stiffer springs; widen the bounds if they exclude it')
+    return best, history
 
 
 @dataclass(frozen=True, eq=False)
