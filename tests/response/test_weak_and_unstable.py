@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
 from oracles import Pairs, free_basis
+from scipy import sparse
 from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, frequency_response, lattices
 from magphonon.response import frf
+from magphonon.response.chebyshev import Matrix, none_negative
 from magphonon.response.frf import harmonic_response
 from magphonon.response.normal_modes import SMALL
 from magphonon.stiffness.rest import LinearSystem
@@ -132,6 +134,22 @@ def test_unstable_structures_are_refused_however_weakly(seed):
             growth = np.sqrt(-np.linalg.eigvalsh(np.linalg.solve(np.sqrt(patch.M), np.linalg.solve(
                 np.sqrt(patch.M), patch.H + (1 - share) * needed * np.eye(len(patch.H))).T))[0])
             assert float(str(refused.value).split('the rate ')[1].split()[0]) == pytest.approx(1e3 * growth, rel=1e-3)
+
+
+@pytest.mark.parametrize('seed', few_first(range(20), 2))
+def test_a_random_vector_shows_which_side_of_the_threshold(seed):
+    """Patches with holes and drawn masses: what is just stable passes without a factorisation, what is just unstable never."""
+    rng, patch = np.random.default_rng(seed), Patch(seed)
+    free = np.flatnonzero(patch.atoms.get_tags() != lattices.RIM)
+    patch.atoms.set_constraint(FixAtoms(np.union1d(np.flatnonzero(patch.atoms.get_tags() == lattices.RIM), rng.choice(free, 5))))
+    B = free_basis(patch.atoms, 2) / np.sqrt(np.repeat(patch.atoms.get_masses(), 2))[:, None]
+    K = B.T @ Pairs(patch.atoms, patch.law, 1.2 * L0, 'complete').hessian(patch.atoms.positions) @ B
+    low, high = np.linalg.eigvalsh(K)[[0, -1]]
+    for share in 10 ** rng.uniform(-5, -1, 2):
+        above, below = (Matrix(sparse.csr_array(K + (sign * share * (high - low) - low) * np.eye(len(K)))) for sign in (1, -1))
+        assert none_negative(above, len(K), int(60 / np.sqrt(share)))
+        assert not none_negative(above, len(K), int(2 / np.sqrt(share)))  # the control: too few products to tell
+        assert not none_negative(below, len(K), int(60 / np.sqrt(share)))
 
 
 @pytest.mark.slow
