@@ -90,7 +90,7 @@ CHOICE = ['no such', 7]
 ATOMS = [lattices.triangular(1.0, 1.0)]  # without a calculator
 NOT_PLANAR = [lattices.chain(1.0, 1.0)]
 LAWS = [4.5, 'x', object()]
-PATH = [4.5, 'GQ', [[NAN, 0, 0]], ['G', 'M']]
+PATH = [4.5, 'GQ', [[NAN, 0, 0]], [[0.5, 0]], ['G', 'M']]
 
 CALLS = {  # a function, its right arguments, and wrong values of each
     'InversePower': (mp.InversePower, {'b': (1.0, POSITIVE), 'a': (4.0, POSITIVE)}),

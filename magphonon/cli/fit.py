@@ -21,10 +21,8 @@ from __future__ import annotations
 import os
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +43,6 @@ KINDS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('wav
 """The kinds of records that a file may hold, and the function that reads each."""
 OWN = re.compile(r'(?ms)^\[(law|uncertainty)[].].*?(?=^(#[^\n]*\n)*\[(?!(law|uncertainty)[].])|\Z)')
 """The tables [law] and [uncertainty] in the text of a scene, without comments on the next table."""
-SAME = 1e-9  # relative difference of numbers that were only written in other units
 ERRORS = {'distance': length, 'zero': force, 'hysteresis': force, 'backlash': length, 'gain': share, 'pair': share}
 """Errors that --sigma names, and the function that reads the value of each."""
 
@@ -104,7 +101,6 @@ def run(options: Namespace) -> None:
         for name in options.files:
             print(*_understood(ready_table(name), options.contact or 0.0), sep='\n')
         return
-    _refuse_copies(options.files)
     first = options.files[0]
     if options.frf is None and options.scene is None and (first.endswith('.toml') or first in _ready(first)):
         _recognise(options)
@@ -122,18 +118,6 @@ def _ready(name):
     from ..scenes.sources import ready_scenes
 
     return () if os.path.lexists(name) else ready_scenes()
-
-
-def _refuse_copies(names):
-    """Raise ValueError if two files hold the same numbers, in whatever format, units or order."""
-    known = []
-    for name in names if len(names) > 1 else ():
-        with suppress(ValueError, OSError):  # which the fit will report
-            known.append((name, np.sort(np.concatenate([*_columns(*held(ready_table(name))).values()]))))
-    for (first, one), (name, other) in combinations(known, 2):
-        if one.shape == other.shape and np.allclose(one, other, SAME, 0.0, equal_nan=True):
-            raise ValueError(f'{first} and {name} hold the same numbers, whose noise would count as independent; give only one '
-                             'of them')
 
 
 def held(file: str, contact: float = 0.0) -> tuple[str, Any]:

@@ -222,8 +222,10 @@ class InversePower:
     a: float
 
     card: ClassVar[Card] = Card(magnets=True, kinds=(
-        Kind('inverse_power', parameters={'b': Parameter('b_N_m_a', power=1), 'force': Parameter('force_N', power=1),
-                                          'a': Parameter('a', change=exponent_change)}),
+        Kind('inverse_power', 'Force `b r^-a`.',
+             {'b': Parameter('b_N_m_a', 1.0, 'b of the force b r^-a in N m^a: the force times r^a', power=1),
+              'a': Parameter('a', 1.0, 'the exponent a of the force b r^-a', change=exponent_change)},
+             lambda b, a: InversePower(b * units.N * units.m**a, a)),
         Kind('dipoles', 'Point dipoles normal to the plane.',
              {'moment': Parameter('moment_A_m2', units.A * units.m**2, 'the magnetic moment of a particle in A m^2', power=2,
                                   examples=(0.01,))}, lambda moment: InversePower.dipoles(moment)),

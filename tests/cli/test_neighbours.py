@@ -65,7 +65,7 @@ def test_what_is_said_where_it_matters(name, changes, words):
 
 DISCS = """title = "8 mm discs"
 lattice = {kind = "triangular", spacing_m = 0.008, mass_kg = 0.0008}
-law = {kind = "inverse_power", force_N = 0.6, a = 3.8}
+law = {kind = "inverse_power", b_N_m_a = 6.4545e-9, a = 3.8}
 foundation = {stiffness_N_per_m = 20.0}
 uncertainty = {spacing_percent = 1.0}
 bands = {path = "GMKG", points = 20}

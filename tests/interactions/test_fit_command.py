@@ -180,7 +180,7 @@ def test_the_scene_that_takes_the_law_is_named_and_has_a_table_for_it(tmp_path, 
     mine = tmp_path / 'mine.toml'
     assert main(['fit', str(SYNTHETIC), '-o', str(mine)]) == 2
     assert 'name first the scene' in capsys.readouterr().err
-    mine.write_text('title = "x"\nlaw = {kind = "inverse_power", force_N = 0.2, a = 4.0}\n'
+    mine.write_text('title = "x"\nlaw = {kind = "inverse_power", b_N_m_a = 2e-9, a = 4.0}\n'
                     'lattice = {kind = "square", spacing_m = 0.01, mass_kg = 7e-4}\n')
     for options, words in (([], 'exists; name another place'), (['--force'], 'write its law as such a table')):
         assert main(['fit', str(mine), str(SYNTHETIC), '-o', str(mine), *options]) == 2
