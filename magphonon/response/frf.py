@@ -287,11 +287,10 @@ def _steady(system, force, omega, rates, particles, tolerance, stiffer):
     else:
         K = products_of(system)
         factorisation = FACTORISATION * np.sqrt(len(s)) * (1 if isinstance(K, Matrix) else ON_GRID)
-        proof = int(factorisation / DEFINITE)
         if _series_length(_inner(_scaled(K, omega, gamma)[1]), tolerance) > factorisation * len(omega):
             error = np.full(len(omega), np.inf)
         else:
-            if (isinstance(K, Matrix) or not K.proves_stable) and not none_negative(K, len(s), proof):
+            if not none_negative(K, len(s), int(factorisation / DEFINITE)):
                 refuse_unstable(system)
             u[..., : system.dim], error, _ = series_response(system, s, omega, gamma, particles, tolerance, K)
     lost = error > tolerance * abs(u).max(axis=(1, 2), initial=0.0)
