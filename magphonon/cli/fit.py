@@ -227,7 +227,7 @@ def _fit_forces(options):
         raise ValueError(f'{file}: {error}') from None
     entry, said = scene_entry(fit), force_report(file, options.magnet, forces, fit, shared, options.verbose)
     if (options.output or '').endswith('.toml'):
-        if wide := too_wide(forces, fit):
+        if wide := too_wide(fit):
             raise ValueError(f'{file}: {wide[0]}')
         _write_scene(options, entry)
         print(said, f'{options.output} is the scene with this law', sep='\n')

@@ -310,7 +310,7 @@ def test_several_pairs_tell_the_mean_of_the_lattice():
 def test_what_a_pair_may_be_off_is_in_the_interval():
     rows = table(LAWS['disc'], (7, 20), 3)
     alone, off = (fit_forces(rows, L0, replace(ERRORS, pair=pair)) for pair in (None, 0.06))
-    wider = np.sqrt(off.half_widths**2 - alone.half_widths**2) / off.wide
+    wider = np.sqrt(off.half_widths**2 - alone.half_widths**2) / 1.96
     assert wider[:2] == pytest.approx([0.06, 0.06], rel=0.15)
     assert off.half_widths[2] == pytest.approx(alone.half_widths[2], rel=0.05)
     assert off.shares['pairs'] > 0.1 > alone.shares['pairs']
