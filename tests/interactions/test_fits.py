@@ -5,6 +5,7 @@ The full table, 100 tables a cell (half an hour of one core; in docs/coverage.md
     python -m pytest -m long -n 0 -s tests/interactions/test_fits.py
 """
 
+import re
 import tomllib
 from dataclasses import replace
 from itertools import product
@@ -211,6 +212,10 @@ def test_a_zero_that_contradicts_what_was_told_is_named():
     slack = table(LAWS['ring'], (8, 40), 2, errors=[0, 0, 8.0, 0, 0])  # up and down differ by 32 mN
     assert fit_forces(slack, L0, ERRORS).conflicts[2] > 3
     assert (fit_forces(table(LAWS['ring'], (8, 40), 2), L0, ERRORS).conflicts < 3).all()
+    exact = table(LAWS['ring'], (8, 40), 2, errors=[0, 0, 0, 0, 0])
+    assert 'A zero of the force' not in report_of(exact)
+    zero, sigma = re.search(r'A zero of the force of (\S+) \+- (\S+) N is', report_of(replace(exact, f=exact.f + 0.02))).groups()
+    assert abs(float(zero) - 0.02) < 3 * float(sigma) < 0.02
 
 
 def test_the_entry_of_a_scene_is_the_fit():
