@@ -7,10 +7,9 @@ import pytest
 from motion import DT, patch
 
 from magphonon import DrivenVerlet, analytic_bands, propagate
-from magphonon.bands import lattice_density, zone_map
+from magphonon.bands import lattice_density
 from magphonon.bands.bands import Bands
 from magphonon.bands.density import DensityOfStates
-from magphonon.bands.zone import ZoneMap
 from magphonon.design.sensitivities import StiffnessDerivative
 from magphonon.design.uncertainty import Spread, Tolerances, frequency_spread
 from magphonon.dynamics import Harmonic, Recorder
@@ -43,7 +42,6 @@ def spread(cell):
 
 MADE = {
     Bands: lambda cell: analytic_bands(cell, cell.cell.bandpath('GM', npoints=5, pbc=cell.pbc), vectors=True),
-    ZoneMap: lambda cell: zone_map(cell, 6),
     Modes: lambda cell: modes(patch()),
     FrequencyResponse: lambda cell: response(),
     Transient: lambda cell: propagate(patch(), [1.0, 2.0], [Harmonic([24], (1, 0), 1e-3, 0.5)], particles=[24]),

@@ -48,6 +48,11 @@ def omission(scene: Scene, verbose: bool, points: Mapping[str, ArrayLike] | None
     return [f'{_counted(scene)}: farther ones would shift {most.place} by {most.size}{"" if known else ASSUMED}.{advice}']
 
 
+def chosen(scene: Scene) -> str:
+    """How many neighbours count, as a sentence with a space before it; empty if the scene says the number itself."""
+    return f' {_counted(scene)}.' if _comparable(scene) and not isinstance(scene.law.asked, int) else ''
+
+
 def too_few(scene: Scene, points: Mapping[str, ArrayLike], within: Mapping[tuple[str, int], float]) -> list[str]:
     """A line that names the shifts by omitted neighbours that exceed `within`, if there are any.
 

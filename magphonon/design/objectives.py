@@ -29,6 +29,7 @@ from ..stiffness.matrices import bloch_matrix
 from .scatter import Rest, Slope, form
 
 DECIBEL = 10 / np.log(10)
+UNHEARD = 1e-12  # amplitude, in the largest one, below which motion is round-off
 
 Places = Dof | Sequence[Dof] | Sequence[int] | NDArray[np.intp]
 """Where a structure is driven or seen: along the directions of one or more `Dof`, or all motion of some particles."""
@@ -116,9 +117,6 @@ class Contrast(_Driven):
         Displacements along given directions, or all motion of some particles: a port, a row, a region.
     omega, damping : float
         In rad/ms, and the damping rate in 1/ms, the force divided by the momentum.
-    floor : float
-        Amplitude in mm/N that is added to both, |u|^2 + floor^2, so that a design does not rely on a zero so deep that no real
-        lattice has it.
 
     Examples
     --------
@@ -138,12 +136,10 @@ class Contrast(_Driven):
     quiet: Places
     omega: float
     damping: float
-    floor: float = 0.0
 
     def __post_init__(self) -> None:
         positive('omega', self.omega, 'rad/ms')
         not_negative('damping', self.damping, '1/ms')
-        not_negative('floor', self.floor, 'mm/N')
 
     def value_and_slope(self, rest: Rest) -> tuple[float, Slope]:
         return _decibels(rest, self, ((1, self.loud), (-1, self.quiet)))
@@ -151,13 +147,12 @@ class Contrast(_Driven):
 
 @dataclass(frozen=True, eq=False)
 class Level(_Driven):
-    """Level of some places in dB above 1 mm/N, for a harmonic force: `10 lg(sum |u|^2 + floor^2)`; see `Contrast`."""
+    """Level of some places in dB above 1 mm/N, for a harmonic force: `10 lg sum |u|^2`; see `Contrast`."""
 
     source: Dof | Sequence[Dof]
     seen: Places
     omega: float
     damping: float
-    floor: float = 0.0
 
     __post_init__ = Contrast.__post_init__
 
@@ -177,11 +172,11 @@ def _decibels(rest, of, terms):
     for sign, places in terms:
         particles, directions = _seen(places, n, dim)
         u = (y[particles] * directions).sum(1)
-        energy = float((abs(u) ** 2).sum()) + of.floor**2
-        if not energy:
+        energy = float((abs(u) ** 2).sum())
+        if energy <= (UNHEARD * abs(y).max()) ** 2:
             which = ', '.join(map(str, dict.fromkeys(particles)))
-            raise ValueError(f'particle {which} does not move along {directions[0].tolist()} for {at}: it is held, or the '
-                             'waves do not reach it, so its level is no number; choose another place or direction, or a floor')
+            raise ValueError(f'particle {which} does not move along {directions[0].tolist()} for {at}: it is held, or by '
+                             'symmetry no wave reaches it, so its level is no number; choose another place or direction')
         value += sign * DECIBEL * np.log(energy)
         np.add.at(pull, particles, sign * 2 * DECIBEL / energy * u.conj()[:, None] * directions)
     x = rest.response(pull, of.omega, of.damping)

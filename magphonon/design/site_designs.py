@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from os import PathLike
@@ -24,10 +25,8 @@ from scipy.optimize import minimize
 from tqdm import tqdm
 
 from .. import units
-from ..errors import Unstable, finite, indices, not_negative, one_of, positive, shown, whole
+from ..errors import Unstable, finite, not_negative, one_of, positive, shown, whole
 from ..files import whole_file
-from ..interactions.law_cards import LawDerivative
-from ..interactions.pair_laws import PairLaw
 from ..stability.buckling import common_spring, softest_of
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import MODELS, Central, Model, hessian, interaction_along
@@ -36,7 +35,7 @@ from ..stiffness.rest import LinearSystem
 from ..traits import takes
 from .objectives import Objective, soft_minimum
 from .scatter import REGULAR, Frame, Rest, Slope, site_slopes
-from .sensitivities import force_change
+from .sensitivities import force_change, steeper
 
 KINDS = 'strength', 'magnet', 'spring', 'rod', 'mass', 'foot'
 """What may vary from site to site: factors of the strength of a magnet; of strength and mass of a thicker magnet; of the
@@ -186,8 +185,7 @@ class Structure:
         if law is None:
             raise ValueError('a design needs forces along the bonds between particles; upright magnets that leave their plane '
                              'have others: hold them in the plane')
-        self.law: PairLaw = law
-        self.feet, self.strengths = calc.anchors[:, : calc.dim], np.broadcast_to(calc.strengths, len(atoms))
+        self.law, self.feet, self.strengths = law, calc.anchors[:, : calc.dim], np.broadcast_to(calc.strengths, len(atoms))
         self.spans = calc.bond_vectors - self.frame.stretch(calc.slack[:, : calc.dim])  # of the feet
         self.kept, self.load = float(calc.bonds.lengths.min()), calc.load[:, : calc.dim]
 
@@ -258,17 +256,6 @@ class Structure:
         return atoms
 
 
-def steeper(law: Any, exponent: float, length: float) -> LawDerivative:
-    """A law whose exponent -d ln f/d ln r is larger, with the same force at a distance `length`."""
-    if not exponent:
-        return law
-
-    def less(r):
-        return (r / length) ** -exponent
-
-    return LawDerivative(lambda r: less(r) * law.dphi(r), lambda r: less(r) * (law.d2phi(r) - exponent / r * law.dphi(r)))
-
-
 def _newton(rest):
     """Solution with the static stiffness, or with D0 where that is not positive definite: away from rest."""
     for model in MODELS:
@@ -294,12 +281,11 @@ class Variables:
     """
 
     def __init__(self, structure: Structure, over: Mapping[str, tuple[float, float]],
-                 parts: Mapping[str, ArrayLike] | None = None, sites: ArrayLike | None = None, rod_mass: float = 0.0) -> None:
-        n, dim = structure.shape
-        self.structure, self.over = structure, dict(over)
-        self.sites = np.flatnonzero(structure.system.mobile) if sites is None else np.unique(indices('sites', sites, n))
+                 parts: Mapping[str, ArrayLike] | None = None, rod_mass: float = 0.0) -> None:
+        self.structure, self.over, dim = structure, dict(over), structure.shape[1]
+        self.sites = np.flatnonzero(structure.system.mobile)
         if not over or not len(self.sites):
-            raise ValueError('nothing can vary: name a parameter in over=, and at least one free site')
+            raise ValueError('nothing can vary: name a parameter in over=, and leave a particle free to move')
         self.rod_mass = not_negative('rod_mass', rod_mass, 'g')
         if (structure.masses[self.sites] <= rod_mass).any():
             raise ValueError(f'rod_mass is the moving mass of one rod, {rod_mass:g} g, which the masses of the sites include, '
@@ -399,7 +385,7 @@ class SiteDesign:
         The model of the waves for which it was designed.
     promised, given, before : ndarray, shape (targets,)
         Values of the targets without errors: in the model of the design, in the complete model, and of the structure that was
-        given, in the model of the design.
+        given, in the model of the design; NaN if that buckles, or by symmetry no wave reaches a place there.
     history : tuple of float
         Without errors, the best soft minimum of the targets so far at each evaluation; with errors, that of each step.
     buckled : int
@@ -437,8 +423,7 @@ class SiteDesign:
 
 def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Mapping[str, tuple[float, float]], *,
              parts: Mapping[str, ArrayLike] | None = None, errors: Errors | None = None, model: Model = 'complete',
-             sites: ArrayLike | None = None, rod_mass: float = 0.0, steps: int = 100, draws: int = 8, tau: float = 4.0,
-             seed: int = 0) -> SiteDesign:
+             rod_mass: float = 0.0, steps: int = 100, draws: int = 8, tau: float = 4.0, seed: int = 0) -> SiteDesign:
     """Maximise an objective of a structure, or the worst of several.
 
     Parameters
@@ -456,8 +441,6 @@ def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Map
         Errors of copies that the design must tolerate.
     model : {'complete', 'conventional'}
         Model of the waves; statics always follow the complete model.
-    sites : array_like of int, optional
-        The sites that vary; by default all free sites.
     rod_mass : float
         Moving mass of one rod in g, which the masses of the atoms include: it goes with the square of the diameter.
     steps : int
@@ -491,7 +474,7 @@ def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Map
     targets = (objective,) if isinstance(objective, Objective) else tuple(objective)
     if not targets:
         raise ValueError('a design needs one objective or more')
-    variables = Variables(Structure(atoms), over, parts, sites, rod_mass)
+    variables = Variables(Structure(atoms), over, parts, rod_mass)
     task = _Task(variables, targets, model, positive('tau', tau))
     rng, whole_steps = np.random.default_rng(whole('seed', seed, 0)), whole('steps', steps)
     x = np.clip(variables.present + FIRST * rng.normal(size=len(variables)), -1, 1)
@@ -499,14 +482,16 @@ def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Map
         x, history = _Ascent(task, x).run(whole_steps)
     else:
         x, history = _drifted(task, x, errors, rng, whole_steps, whole('draws', draws) if errors else 1)
-    structure, chosen = variables.structure, variables.parts(x)
+    structure, chosen, before = variables.structure, variables.parts(x), np.full(len(targets), np.nan)
 
     def of(x, model):
         rest = structure.rest(variables.parts(x), model=model)
         return np.array([target.value(rest) for target in targets])
 
+    with suppress(ValueError):
+        before = of(variables.present, model)
     return SiteDesign(structure.at(structure.rest(chosen), chosen), targets, variables, x, model, of(x, model), of(x, 'complete'),
-                      of(variables.present, model), tuple(history), task.buckled)
+                      before, tuple(history), task.buckled)
 
 
 @dataclass(eq=False)

@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import softmax
 
 from .. import units as u
 from ..bands.bloch import wavevectors
 from ..bands.neighbours import REACHES
 from ..design.dispersion_fits import Bands, DispersionFit, Shells, fit_dispersion, residuals_of
-from ..design.least_squares import mixed_interval, weights_of
+from ..design.least_squares import mixed_interval
 from ..design.sensitivities import LawDerivative, StiffnessDerivative, force_change
 from ..errors import one_of
 from ..interactions.fits import EXPONENT as CENTRE, RATES, FamilyLaw, LawFamily
@@ -101,7 +102,7 @@ class BandFits:
         """Weight of each of the fits of a model, which add up to one."""
         parts = self.parts[one_of('model', model, MODELS)]
         scale = min(fit.scatter for fit in parts.values())
-        return dict(zip(parts, weights_of([fit.log_evidence(scale) for fit in parts.values()]).tolist(), strict=True))
+        return dict(zip(parts, softmax([fit.log_evidence(scale) for fit in parts.values()]).tolist(), strict=True))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -378,6 +378,14 @@ class Rigidity(NamedTuple):
     floppy: int  # motions that stretch no bond, motion as a whole included
     factor: float | None  # on D*, at which it collapses; infinite if D* only stiffens it, None if springs alone do not hold it
 
+    @property
+    def reserve(self) -> str:
+        """How much more static force the structure bears, in words; empty if there is no such limit."""
+        if self.factor is None or not np.isfinite(self.factor):
+            return ''
+        return (f'It would collapse if its static forces were {_times(self.factor)} what they are now' if self.factor > 1 else
+                f'It would be stable if its static forces were less than {self.factor:.3g} of these')
+
 
 # --- the checks ----------------------------------------------------------------------------------------------------------------
 
@@ -578,13 +586,11 @@ def rigidity(case: Case) -> Finding:
     except ValueError:
         factor = None
     found = Rigidity(*self_stresses(case.system), factor)
-    if factor is None or not np.isfinite(factor):
+    if not found.reserve:
         return Finding(found)
-    bears = (f'It would collapse if its static forces were {_times(factor)} what they are now' if factor > 1 else
-             f'It would be stable if its static forces were less than {factor:.3g} of these')
     cells = ' by motion that is equal in all cells' if case.atoms.pbc.any() and case.system.free.shape[1] > FEW else ''
-    return Finding(found, f'{bears}, with the same spring constants{cells}. States of self-stress: {found.self_stresses}; '
-                   f'motions that stretch no bond: {found.floppy}.')
+    return Finding(found, f'{found.reserve}, with the same spring constants{cells}. States of self-stress: '
+                   f'{found.self_stresses}; motions that stretch no bond: {found.floppy}.')
 
 
 @remark

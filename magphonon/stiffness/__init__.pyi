@@ -4,7 +4,6 @@ from .defects import (
     Scatter as Scatter,
     scattered as scattered,
     substituted as substituted,
-    with_interstitial as with_interstitial,
     with_vacancies as with_vacancies,
 )
 from .elastic import cauchy_stress as cauchy_stress, elastic_moduli as elastic_moduli

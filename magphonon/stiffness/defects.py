@@ -1,7 +1,7 @@
-"""Defects and disorder: vacancies, substitutions, interstitials, and sites with random scatter.
+"""Defects and disorder: vacancies, substitutions, and sites with random scatter.
 
 Each function takes atoms with their PairCalculator and returns new atoms with a new calculator.  The bonds are those
-of the perfect structure, except at the particles that were removed or added.  The result is in general not at rest: relax it
+of the perfect structure, except at the particles that were removed.  The result is in general not at rest: relax it
 first with `magphonon.relaxed`.
 """
 
@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from ase import Atom, Atoms
+from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from ..errors import finite, indices, not_negative, positive, whole
-from ..lattices.bonds import Bonds, bonds_within
+from ..lattices.bonds import Bonds
 from .calculator import PairCalculator
 from .repulsion import repulsion_of
 
@@ -57,48 +57,6 @@ def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: flo
     factors['strength'][particle] = finite('strength', strength, ())
     factors['stiffness'][particle] = not_negative('stiffness', stiffness)
     return varied_sites(atoms, **factors, kinds={} if kind is None else {particle: kind})
-
-
-def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, strength: float = 1.0, stiffness: float = 1.0,
-                      kind: int | None = None) -> Atoms:
-    """The structure with one more particle, which repels all others within the cutoff of the bonds.
-
-    If the bonds have no cutoff, as in a relaxed structure, the length of the longest bond is used.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-    place : array_like, shape (2,) or (3,)
-        Position of the new particle and of its anchor, where its spring is slack, in mm.
-    mass, strength, stiffness, kind
-        As for `substituted`; the factors are relative to the nearest particle.
-    """
-    calc = repulsion_of(atoms)
-    place = np.append(finite('place', place), atoms.positions[0, 2:])[:3]
-    grown = atoms.copy()
-    grown.append(Atom(atoms.get_chemical_symbols()[0], place))
-    reach = calc.bonds.cutoff or calc.bonds.lengths.max() * (1 + 1e-9)
-    near = bonds_within(grown, reach)
-    own = (near.i == len(atoms)) | (near.j == len(atoms))
-    if not own.any():
-        raise ValueError(f'the interstitial at {place[:2].tolist()} mm has no neighbour within {reach:.4g} mm; put it among the '
-                         'particles')
-    distances = grown.get_distances(len(atoms), np.arange(len(atoms)), mic=True)
-    like = int(np.argmin(distances))
-    site = np.append(np.arange(len(atoms)), like)
-    masses, tags = atoms.get_masses()[site], calc.reference.get_tags()[site]
-    grown.set_masses(masses)  # pyright: ignore[reportArgumentType]  ASE declares text
-    grown.set_tags(tags)
-    if grown.has('relative_damping'):
-        grown.arrays['relative_damping'][-1] = grown.arrays['relative_damping'][like]
-    reference = grown.copy()
-    reference.positions[:-1] = calc.reference.positions
-    old = calc.bonds
-    bonds = Bonds(*(np.concatenate([getattr(old, name), getattr(near, name)[own]]) for name in ('i', 'j', 'shift', 'vectors')),
-                  particles=len(grown), cutoff=old.cutoff)
-    sites = replace(calc.sites[site], anchors=np.vstack([calc.anchors, place]), load=np.vstack([calc.load, np.zeros(3)]))
-    grown = _with(grown, calc.changed(reference, bonds, sites))
-    return substituted(grown, len(atoms), mass=mass, strength=strength, stiffness=stiffness, kind=kind)
 
 
 @dataclass(frozen=True)

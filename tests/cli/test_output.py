@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scene_files import ready_scene
 
-from magphonon.bands.zone import ZoneMap
 from magphonon.cli.main import main
+from magphonon.design.uncertainty import Spread
 from magphonon.files import write_columns
 from magphonon.response.frf import FrequencyResponse
 
@@ -26,12 +26,12 @@ def test_results_that_are_no_numbers_are_not_written(number, tmp_path):
 
 
 def test_nan_where_it_means_no_value_is_written(tmp_path):
-    """Group velocities have none at a frequency of zero; infinity has no such meaning."""
-    mesh = ZoneMap(np.eye(3), np.zeros((1, 1, 3)), np.zeros((1, 1, 2)), np.full((1, 1, 2, 2), np.nan))
-    mesh.save(tmp_path / 'zone.npz')
-    assert np.isnan(ZoneMap.load(tmp_path / 'zone.npz').velocity).all()
-    with pytest.raises(FloatingPointError, match='velocity would be inf'):
-        replace(mesh, velocity=np.full((1, 1, 2, 2), np.inf)).save(tmp_path / 'zone.npz')
+    """A frequency of zero has no slope; infinity has no such meaning."""
+    spread = Spread(('force',), np.eye(1), np.zeros(2), np.full((1, 2), np.nan))
+    spread.save(tmp_path / 'spread.npz')
+    assert np.isnan(Spread.load(tmp_path / 'spread.npz').slopes).all()
+    with pytest.raises(FloatingPointError, match='slopes would be inf'):
+        replace(spread, slopes=np.full((1, 2), np.inf)).save(tmp_path / 'spread.npz')
 
 
 def test_a_command_whose_result_overflows_writes_nothing(tmp_path, capsys, monkeypatch):

@@ -5,10 +5,11 @@ from itertools import product
 
 import numpy as np
 import pytest
+from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.bands import bloch_modes
-from magphonon.design import BandEdge, Contrast, Errors, Level, band_gap
+from magphonon.design import BandEdge, Contrast, Errors, Level, band_gap, optimise
 from magphonon.design.scatter import site_slopes
 from magphonon.design.site_designs import Parts, Structure, Variables
 from magphonon.response import Dof, harmonic_response
@@ -55,7 +56,7 @@ def tasks(seed):
     source, left, right = (Dof(int(k), np.append(rng.normal(size=2), 0)) for k in at[:3])
     q = rng.uniform(-0.5, 0.5, (4, 3)) * [1, 1, 0]
     return {
-        'level': (finite, Level(source, left, 0.5, 0.03, 1e-3) - 2.0 * Level([source, left], right, 0.55, 0.03)),
+        'level': (finite, Level(source, left, 0.5, 0.03) - 2.0 * Level([source, left], right, 0.55, 0.03)),
         'contrast': (finite, Contrast([source, left], at[3:5], at[5:], 0.5, 0.03)),
         'gap': (cell(seed), band_gap(q, 9, 60.0)),
     }
@@ -170,8 +171,7 @@ def test_what_is_refused():
             objective.value(structure)
 
 
-WRONG = {'omega': np.nan, 'damping': -0.1, 'floor': -1.0,
-         'below': 99, 'sharp': -3.0, 'q': (0.1, np.nan, 0)}
+WRONG = {'omega': np.nan, 'damping': -0.1, 'below': 99, 'sharp': -3.0, 'q': (0.1, np.nan, 0)}
 
 
 @pytest.mark.parametrize('what', WRONG)
@@ -199,16 +199,30 @@ def test_sums_of_branches_are_smooth_where_they_cross():
         assert abs(ours - theirs).max() < DIGITS * abs(theirs).max()
 
 
-@pytest.mark.parametrize('along', range(2))
-def test_a_place_that_cannot_hear_the_source_is_named_and_a_floor_gives_it_a_level(along):
-    """In a straight row, motion along it and motion across it do not touch each other."""
-    row = lattices.chain(10.0, 0.7).repeat((5, 1, 1))
-    row.pbc = False
-    row.calc = MagneticRepulsion(row, LAW, foundation=0.1)
-    row = relaxed(row).atoms
-    across = Level(Dof(1, np.eye(3)[along]), Dof(3, np.eye(3)[1 - along]), 0.4, 0.01)
-    with pytest.raises(ValueError, match='particle 3 does not move along'):
-        across.value(row)
-    assert replace(across, floor=1e-6).value(row) == pytest.approx(-120, abs=1e-9)  # 20 lg 1e-6
-    heard = replace(across, seen=Dof(3, np.eye(3)[along]))
-    assert np.isfinite(heard.value(row))
+def row(rng, off=0.0):
+    """A straight row along a drawn direction, one of whose inner feet is that far off in mm, and both of its directions."""
+    along, n = rng.uniform(0, 2 * np.pi), int(rng.integers(4, 8))
+    axes = np.array([[np.cos(along), np.sin(along), 0], [-np.sin(along), np.cos(along), 0]])
+    atoms = lattices.chain(10.0, 0.7).repeat((n, 1, 1))
+    atoms.positions, atoms.pbc = atoms.positions[:, :1] * axes[0], False
+    atoms.positions[1] += off * axes[1]
+    atoms.calc = MagneticRepulsion(atoms, LAW, cutoff=11.0, foundation=rng.uniform(0.08, 0.15))
+    return atoms, axes
+
+
+@pytest.mark.parametrize('seed', few_first(range(12), 3))
+def test_a_port_that_no_design_reaches_by_symmetry_is_named(seed):
+    """Motion along a straight row and motion across it do not touch each other, except where a foot is off or may move."""
+    rng = np.random.default_rng(seed)
+    straight, axes = row(rng)
+    k, over = int(rng.integers(2)), {'strength': (0.9, 1.1), 'rod': (0.95, 1.05)}
+    across = Level(Dof(1, axes[k]), Dof(3, axes[1 - k]), rng.uniform(0.35, 0.45), 0.01)
+    with pytest.raises(ValueError, match=r'particle 3 does not move along .* by symmetry'):
+        across.value(at_rest(straight))
+    with pytest.raises(ValueError, match=r'particle 3 does not move along .* by symmetry'):
+        optimise(straight, across, over, steps=3)
+    assert np.isfinite(replace(across, seen=Dof(3, axes[k])).value(at_rest(straight)))
+    assert across.value(at_rest(row(np.random.default_rng(seed), 1e-4)[0])) < -30  # low, and a number
+    reached = optimise(straight, across, over | {'foot': (-0.5, 0.5)}, steps=10)
+    assert np.isnan(reached.before).all()
+    assert reached.value > 10

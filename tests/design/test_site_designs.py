@@ -9,7 +9,7 @@ from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, lattices, read_scene, relaxed
 from magphonon.design import BandEdge, Contrast, Errors, Level, optimise, verify, write_build_list
-from magphonon.design.site_designs import Structure, Variables
+from magphonon.design.site_designs import Structure
 from magphonon.errors import Unstable
 from magphonon.response import Dof, harmonic_response
 from magphonon.scenes.tolerances import Uncertainty
@@ -32,9 +32,9 @@ def places(atoms):
     return [Dof(int(np.hypot(*(x[:, :2] - at).T).argmin()), X) for at in ([0, 0], [20, 0], [-20, 0])]
 
 
-def contrast(atoms, omega=0.4, floor=1e-2):
+def contrast(atoms):
     middle, right, left = places(atoms)
-    return Contrast(middle, right, left, omega, 0.02, floor)
+    return Contrast(middle, right, left, 0.4, 0.02)
 
 
 def test_a_design_is_better_stable_at_rest_and_repeats():
@@ -49,15 +49,12 @@ def test_a_design_is_better_stable_at_rest_and_repeats():
     assert rest.lowest > 0
     middle, right, left = places(atoms)
     h = harmonic_response(design.atoms, middle.force(len(atoms)), [0.4], 0.02).response[0]
-    levels = [10 * np.log10(abs(place.seen(h)) ** 2 + 1e-4) for place in (right, left)]
+    levels = [20 * np.log10(abs(place.seen(h))) for place in (right, left)]
     assert levels[0] - levels[1] == pytest.approx(design.value, abs=1e-6)
     strengths = design.values['strength']
     assert 0.85 <= strengths.min() <= strengths.max() <= 1.15
     assert (strengths[atoms.constraints[0].index] == 1).all()
     assert list(design.history) == sorted(design.history)
-    one = int(places(atoms)[1].particle)
-    few = optimise(atoms, contrast(atoms), OVER, steps=3, sites=[one])
-    assert np.flatnonzero(few.values['strength'] != 1).tolist() == [one]
 
 
 def test_what_d0_alone_would_have_promised():
@@ -205,8 +202,6 @@ def test_hostile_questions():
     level = Level(middle, right, 0.4, 0.02)
     with pytest.raises(ValueError, match='nothing can vary'):
         optimise(atoms, level, {})
-    with pytest.raises(ValueError, match='nothing can vary'):
-        optimise(atoms, level, OVER, sites=[])
     with pytest.raises(ValueError, match='its parts cancel'):
         optimise(atoms, level - level, OVER)
     with pytest.raises(ValueError, match=r'particle \d+ does not move .* it is held'):
@@ -233,21 +228,8 @@ def test_hostile_questions():
         optimise(bare, level, {'spring': (0.8, 1.2)})
     far = optimise(atoms, Level(middle, right, 3.0, 0.02), {'strength': (0.9, 1.1)}, steps=2)
     assert any('outside the natural frequencies' in words for words in far.words)
-
-
-def test_sites_and_parameters_that_are_none():
-    """A mask was once read as the sites 0 and 1, numbers that are none as a lattice without a rest."""
-    atoms = patch()
-    middle, right, _ = places(atoms)
-    objective = Level(middle, right, 0.4, 0.02)
-    mask = np.random.default_rng(5).random(len(atoms)) < 0.3
-    over = {'strength': (0.9, 1.1)}
-    np.testing.assert_array_equal(Variables(Structure(atoms), over, None, np.flatnonzero(mask)).sites, np.flatnonzero(mask))
-    for wrong in ([1.5], [len(atoms)], [-1], mask, [np.nan]):
-        with pytest.raises(ValueError, match=r'sites'):
-            Variables(Structure(atoms), over, None, wrong)
     for wrong in ({'steps': 0}, {'tau': 0.0}, {'errors': Errors(force_percent=1.0), 'draws': 0}):
         with pytest.raises(ValueError, match=r'whole number|positive'):
-            optimise(atoms, objective, over, **wrong)
+            optimise(atoms, level, OVER, **wrong)
     with pytest.raises(ValueError, match='each_foot_mm'):
         Errors(each_foot_mm=-0.1)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from ase import Atoms
-from oracles import gradient, lattice, length, neighbour_vectors, second_derivatives
+from oracles import gradient, length, neighbour_vectors, second_derivatives
 
 from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.bands import sound_speeds
 from magphonon.interactions import Yukawa
-from magphonon.stiffness import AllNeighbours, cauchy_stress, elastic_moduli
+from magphonon.stiffness import cauchy_stress, elastic_moduli
 
 SCALE = 10.0  # mm: a displacement gradient of one counts as this displacement in the oracle's steps
 BASES = {  # cell and fractions of lattices
@@ -134,31 +134,3 @@ def test_sound_of_the_bands(name):
     # the control: the constants without the static stress
     without = np.linalg.eigvalsh(np.einsum('ijkl,j,l->ik', found.constants, n, n)) / found.density
     assert abs(np.sort(without) - bands).max() > 1e-2 * abs(bands).max()
-
-
-def test_round_off_of_finite_strains_leaves_a_lattice_isotropic():
-    cell = lattices.triangular(7.0, 0.7)
-    cell.calc = AllNeighbours(cell, InversePower(b=3000.0, a=4.5))
-    # an inverse power keeps its form when all is summed: p goes with L^-(a+1) again, and so K = (a + 1)/2 p
-    found = elastic_moduli(cell)
-    assert found.isotropic
-    assert found.bulk == pytest.approx(2.75 * found.pressure, rel=1e-7)
-
-
-@pytest.mark.parametrize(('name', 'd'), [('chain', 1), ('triangular', 2), ('honeycomb', 2)])
-def test_all_neighbours(name, d):
-    s = 3.0
-    cell = lattice(name)
-    cell.calc = AllNeighbours(cell, InversePower(b=4000.0, a=s + 1))
-    found, direction = elastic_moduli(cell), [1, 0] if d == 1 else [0.8, 0.3]
-    periods = cell.cell.array[cell.pbc]
-    V = np.sqrt(np.linalg.det(periods @ periods.T))
-    assert found.pressure == pytest.approx(s / d * cell.get_potential_energy() / V, rel=1e-10)  # the energy goes with L^-s
-    assert found.bulk == pytest.approx((s / d + 1) * found.pressure, rel=1e-9)
-    np.testing.assert_allclose(found.speeds(direction), sound_speeds(cell, direction), rtol=1e-8)
-    if name == 'triangular':
-        slow, fast = found.speeds(direction)
-        assert fast / slow == pytest.approx(np.sqrt(11), rel=1e-8)
-        cell.calc = MagneticRepulsion(cell, InversePower(b=4000.0, a=4.5))
-        slow, fast = elastic_moduli(cell).speeds(direction)
-        assert abs(fast / slow - np.sqrt(11)) > 0.1  # the control: any other exponent, whatever the number of neighbours
