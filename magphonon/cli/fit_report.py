@@ -47,7 +47,7 @@ def force_report(file: str, magnet: str | None, forces: Forces, fit: Fit, shared
         lines += [f'Its slope df/dr is {fit.slope / (u.N / u.m):.4g} N/m ({low:.4g} to {high:.4g}).', '',
                   f'{file}: {len(r)} forces from {r.min() / u.m:g} to {r.max() / u.m:g} m, {stated} uncertainties', '',
                   *_assumptions(magnet, forces, fit, shared)]
-    return '\n'.join([*lines, *_doubts_of_forces(forces, fit), *too_wide(fit)])
+    return '\n'.join([*lines, *_doubts_of_forces(forces, fit), *_zeros(fit), *too_wide(fit)])
 
 
 def too_wide(fit: Fit) -> list[str]:
@@ -88,16 +88,13 @@ def _assumptions(magnet, forces, fit, shared):
 
 
 def _doubts_of_forces(forces, fit):
-    """Warnings that rows are saturated, drift, are few, scatter, or contradict what is known of the errors that they share."""
+    """Warnings that rows are saturated, drift, are few, or scatter."""
     top, n = forces.saturated, len(forces.r)
     if top.any():
         r = forces.r[top] / u.mm
         where = f'from {r.min():g} to {r.max():g}' if np.ptp(r) else f'at {r[0]:g}'
         yield (f'{top.sum()} rows {where} mm have the same largest force, {forces.f.max() / u.N:g} N: the load cell was '
                'saturated there. Leave these rows out; with them the exponent is too small.')
-    if abs(fit.zeros[0]) > TOLD_ZERO * fit.force:
-        yield (f'A zero of the force of {fit.zeros[0] / u.N:.2g} +- {fit.zero_sigma / u.N:.2g} N is subtracted from every row '
-               '(the error is one standard deviation). If you know the zero better, say so with --sigma zero=0.001N.')
     if fit.drift > SURE:
         yield (f'The errors of successive rows are correlated (with a probability of {100 * fit.drift:.0f} %): the load cell '
                'drifts, perhaps as it warms up, and the intervals allow for it. Return to one distance now and then to see the '
@@ -111,6 +108,13 @@ def _doubts_of_forces(forces, fit):
     if fit.scatter > 1:
         yield (f'The rows scatter {fit.scatter:.2g} times as much as their sigma_N says, and the intervals are widened '
                'accordingly: look for an outlier, or remove this column.')
+
+
+def _zeros(fit):
+    """The zero of the force that is subtracted, and warnings of errors that contradict what is known of them."""
+    if abs(fit.zeros[0]) > TOLD_ZERO * fit.force:
+        yield (f'A zero of the force of {fit.zeros[0] / u.N:.2g} +- {fit.zero_sigma / u.N:.2g} N is subtracted from every row '
+               '(the error is one standard deviation). If you know the zero better, say so with --sigma zero=0.001N.')
     units = ((u.N, 'N'), (u.mm, 'mm')) * 2
     for name, value, conflict, (unit, symbol) in zip(SHARED, fit.zeros, fit.conflicts, units, strict=True):
         if conflict > CONFLICT:
