@@ -208,30 +208,9 @@ SIMILAR = {'kinds': ('triangular', 'honeycomb'), 'shells': 1, 'models': ('comple
 
 
 @pytest.mark.slow
-def test_the_compiled_grid_is_velocity_verlet_on_any_patch():
-    compare(range(100, 170), ['compiled grid'], most=1000, **SIMILAR)
-
-
-@pytest.mark.slow
-def test_the_compiled_table_is_velocity_verlet_on_any_patch():
-    compare(range(300, 320), ['compiled table'], most=700, **SIMILAR | {'kinds': ('triangular',)})
-
-
-@pytest.mark.slow
 def test_compiled_blocks_are_velocity_verlet_on_patches_whose_particles_are_off_their_places():
     for name in ('compiled grid', 'compiled found', 'compiled table'):
         compare(range(500, 515), [name], scattered, most=700, **SIMILAR | {'kinds': ('triangular',)})
-
-
-@pytest.mark.slow
-def test_threads_change_nothing_of_that(monkeypatch):
-    monkeypatch.setattr(memory_layout, 'RUN', 16)  # so that drives and holes lie in several runs, strips in part of one
-    for seed in range(520, 530):
-        case = drawn(seed, most=1000, **SIMILAR)
-        u = case.run('compiled grid')
-        assert misfit(u, case.expected()) < EXACT
-        for threads in (2, 3):
-            assert np.array_equal(replace(case, threads=threads).run('compiled grid'), u), f'drawn({seed}), {threads} threads'
 
 
 @pytest.mark.parametrize('change', [{'model': 'conventional'}, {'foundation': 1.01}, {'reach': 1.9 * L0}])
@@ -248,11 +227,6 @@ def test_another_model_foundation_or_bond_list_is_noticed(change):
 
 def test_relaxed_and_loaded_patches_move_as_they_should():
     compare(range(400, 410), ['ase'], strained, most=120)
-
-
-@pytest.mark.slow
-def test_compiled_too():
-    compare(range(410, 416), ['compiled found'], strained, most=150, **SIMILAR | {'kinds': ('triangular',)})
 
 
 def test_chains_and_crystals_move_as_they_should():

@@ -254,10 +254,3 @@ def test_waves_that_cost_nothing_without_a_foundation_are_the_verge(a, stable, g
 def shear_at_m(phonon, cell):
     omega = phonopy_bands(phonon, cell.cell.bandpath('M', npoints=1, pbc=cell.pbc)).omega[0, 0]
     return omega * abs(omega)
-
-
-@pytest.mark.parametrize(('d', 'fine'), [(1e-8, True), (1e-12, False)])
-def test_too_small_a_displacement_is_spoiled_by_round_off(d, fine):
-    # forces of 1 N round at 1e-16, several of which add to the stiffness: 1e-15/d or less
-    cell = cell_of('triangular', InversePower(1.0, 4.0))
-    assert (abs(shear_at_m(finite_displacements(cell, distance=d), cell) - 2) < 1e-6) == fine

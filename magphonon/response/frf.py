@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from tqdm import tqdm
 
-from ..errors import finite, one_of, positive, refuse_memory
+from ..errors import finite, positive, refuse_memory
 from ..results import InHertz, Saved
 from ..stiffness.factors import inverse
 from ..stiffness.plausibility import asked_frequencies, site_damping
@@ -309,7 +309,7 @@ class Transmissibility(FrequencyResponse, kind='transmissibilities', units={
 
 @takes(*LINEAR)
 def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], answer: Dof, omega: ArrayLike,
-               damping: ArrayLike, gyration_seen_from: str = 'bench', stiffer: ArrayLike | None = None) -> FrequencyResponse:
+               damping: ArrayLike, stiffer: ArrayLike | None = None) -> FrequencyResponse:
     """Displacement of one particle per harmonic force on one particle, each along its own direction.
 
     Parameters
@@ -320,13 +320,10 @@ def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], a
         A Dof says where the force acts.  An array (particles, 3) gives the displacements of `walls` as in `frequency_response`.
         A vector is the direction d in which the whole bench is shaken by u_b, with walls and feet of pillars.
         Relative to the bench the displacements w obey `M w'' + gamma M w' + H w = -M d u_b''`: held particles are at rest, and
-        damping is relative to the bench.  The response is seen from the floor: w plus the motion of the bench.
+        damping and gyration depend on w', as for gyroscopes on pillars.  The response is seen from the floor: w plus the motion
+        of the bench.
     answer : Dof
         Particle and direction of the displacement that is returned.
-    gyration_seen_from : {'bench', 'floor'}
-        Which velocity the force of gyration depends on if the bench is shaken. With 'bench' it is w', as for gyroscopes on
-        pillars. With 'floor' it is the velocity seen from the floor, as on a rotating bench or for charges in a field; the
-        equation then has + M g J d u_b' on the right.
 
     Returns
     -------
@@ -357,19 +354,16 @@ def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], a
     source = np.asarray(source)
     if source.ndim == 2:
         return Transmissibility(omega, seen(None, source))
-    relative = omega**2 * seen(base_force(system, source))
-    if one_of('gyration_seen_from', gyration_seen_from, ('bench', 'floor')) == 'floor' and system.turning:
-        relative = relative + 1j * omega * seen(base_force(system, -system.rate @ source[: system.dim]))
-    return Transmissibility(omega, answer.direction @ source + relative)
+    return Transmissibility(omega, answer.direction @ source + omega**2 * seen(base_force(system, source)))
 
 
 def base_force(system: LinearSystem, direction: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mass times direction for each particle in g, shape (particles, 3), projected on what the constraints leave free.
 
-    `direction` is that in which the bench is shaken, one for all sites or one for each.
+    `direction` is that in which the bench is shaken.
     """
     force, P, dim = np.zeros((len(system), 3)), system.free, system.dim
-    force[:, :dim] = (P @ (P.T @ (system.masses[:, None] * direction[..., :dim]).ravel())).reshape(-1, dim)
+    force[:, :dim] = (P @ (P.T @ (system.masses[:, None] * direction[:dim]).ravel())).reshape(-1, dim)
     return force
 
 

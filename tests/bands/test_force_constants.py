@@ -173,12 +173,6 @@ def test_error_grows_with_the_inverse_of_the_smallest_displacements():
     assert np.polyfit(np.log(d), np.log(errors), 1)[0] == pytest.approx(-1, abs=0.2)
 
 
-def test_default_displacement_lies_near_the_floor():
-    cell = prototype()
-    above, default, below = displacement_errors(cell, path_through(cell, 'GMKG', 10), [1e-2, 1e-4, 1e-8])
-    assert default < 1e-9 < min(above, below)
-
-
 @pytest.mark.parametrize(('supercell', 'right'), [((1, 1, 1), False), ((2, 2, 1), True)])
 def test_a_refused_supercell_would_give_wrong_bands(supercell, right, monkeypatch):
     cell = prototype('honeycomb')

@@ -45,14 +45,6 @@ def test_magphonons_laws_repel_and_stiffen(law):
         assert (law.d2phi(R) > 0).all()
 
 
-def test_inverse_power_is_the_papers_law(paper):
-    p = paper['prototype']
-    law = InversePower(b=p['b'] * u.N * u.m ** p['a'], a=p['a'])
-    r = p['spacing'] * u.m
-    assert repulsion(law, r) / u.N == pytest.approx(p['f_at_spacing'], rel=1e-11)  # twelve digits are given
-    assert -law.d2phi(r) / (u.N / u.m) == pytest.approx(p['df_dr_at_spacing'], rel=1e-11)
-
-
 def test_force_of_dipoles():
     # Two moments of 1 A m^2 side by side, 0.1 m apart: f = 3 mu0/(4 pi) m^2/r^4 = 3e-7 * 1e4 N; mu0/(4 pi) is 1e-7 to 6e-10.
     law = InversePower.dipoles(moment=1 * u.A * u.m**2)

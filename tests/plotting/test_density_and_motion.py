@@ -119,17 +119,6 @@ def test_a_film_has_all_frames_on_one_scale(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ['film.gif']
 
 
-def test_mp4_without_ffmpeg_says_what_to_install(tmp_path, monkeypatch):
-    from matplotlib.animation import FFMpegWriter
-
-    from magphonon.plotting import animation
-
-    monkeypatch.setattr(FFMpegWriter, 'isAvailable', classmethod(lambda cls: False))
-    monkeypatch.setattr(animation, 'find_spec', lambda name: None)
-    with pytest.raises(ValueError, match=r'install ffmpeg or imageio-ffmpeg, or write a \.gif'):
-        animate(tmp_path / 'film.mp4', patch(6), np.ones((2, 36, 2)))
-
-
 def test_the_highest_of_several_densities_fits_on_the_axes():
     f = 2 * np.pi * np.linspace(-1e-9, 0.1, 50)  # round-off below zero
     low, high = (DensityOfStates(f, height * np.ones(50), 1.0, 0 * f, 0 * f) for height in (1.0, 5.0))

@@ -198,15 +198,6 @@ def test_a_slack_cable_does_not_spoil_the_verdict_of_a_net(seed):
     assert 'nan' not in str(with_slack)
 
 
-def test_bands_take_wavevectors():
-    cell = lattices.triangular(1.0, 1.0)
-    cell.calc = PairCalculator(cell, InversePower(1.0, 4.0))
-    bands = analytic_bands(cell, [[0.5, 0, 0], [0.1, 0.2, 0]])
-    assert_allclose(bands.omega[0] ** 2, [2, 22], rtol=1e-12)  # 2 (a - 3) and 2 (3 a - 1)
-    with pytest.raises(ValueError, match='of three fractions'):
-        analytic_bands(cell, [[0.5, 0]])
-
-
 def _bent():
     atoms = bulk('Cu', 'fcc', a=3.6)
     atoms.calc = EMT()
