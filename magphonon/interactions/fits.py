@@ -335,12 +335,13 @@ class _Model:
 
 @dataclass(frozen=True)
 class _Solution:
-    """Parameters of a model, their covariance, the rows' noise and residuals, and the logarithm of the evidence."""
+    """Parameters of a model, their covariance, the noise of the rows and whether it is known, residuals, and ln of the evidence."""
 
     model: _Model
     p: np.ndarray
     C: np.ndarray
-    student: float
+    known: bool
+    freedom: float
     noise: np.ndarray
     residuals: np.ndarray
     evidence: float
@@ -355,9 +356,11 @@ class _Solution:
     @property
     def covariance(self):
         """Covariance of the parameters; only its part by noise is wider where that is learned from a few rows."""
+        from scipy.stats import t
+
         by_prior = self.C / self.model.prior
-        known = by_prior @ by_prior.T
-        return known + self.student**2 * (self.C - known)
+        told, student = by_prior @ by_prior.T, 1.0 if self.known else t.ppf((1 + COVERED) / 2, self.freedom) / NORMAL
+        return told + student**2 * (self.C - told)
 
     @property
     def conflicts(self):
@@ -472,7 +475,7 @@ def _solved(model, forces, noise, drift=0.0, near=None):
     solution `near` this one saves iterations.
     """
     from scipy.optimize import least_squares
-    from scipy.stats import chi2, t
+    from scipy.stats import chi2
 
     y, prior, known = forces.f, model.prior, forces.sigma is not None
     p = np.zeros(len(prior))
@@ -505,8 +508,7 @@ def _solved(model, forces, noise, drift=0.0, near=None):
             size *= scatter
     evidence = -0.5 * (2 * np.log(sigma).sum() + np.log1p(S**2).sum() + 2 * found.cost + np.linalg.slogdet(precision)[1]
                        + 2 * np.log(prior).sum() + (0.0 if known else np.log(freedom)))
-    student = 1.0 if known else float(t.ppf((1 + COVERED) / 2, freedom)) / NORMAL
-    return _Solution(model, p, C, student, sigma, e, evidence, size, drift)
+    return _Solution(model, p, C, known, freedom, sigma, e, evidence, size, drift)
 
 
 def _log_law(law: PairLaw, r0: float) -> Callable:
