@@ -101,7 +101,6 @@ CALLS = {  # a function, its right arguments, and wrong values of each
     'Ring': (mp.interactions.Ring, {'outer': (5.0, POSITIVE), 'inner': (2.0, NOT_NEGATIVE), 'height': (3.0, POSITIVE),
                         'remanence': (1.0, POSITIVE)}),
     'Cuboid': (mp.interactions.Cuboid, dict.fromkeys(('length', 'width', 'height', 'remanence'), (3.0, POSITIVE))),
-    'Sphere': (mp.interactions.Sphere, {'diameter': (3.0, POSITIVE), 'remanence': (1.0, POSITIVE)}),
     'Tabulated': (mp.interactions.Tabulated, {'r': ([1.0, 2, 3, 4], COLUMN), 'f': ([4.0, 3, 2, 1], COLUMN)}),
     **{f'lattices.{name}': (getattr(lattices, name), {'spacing': (1.0, POSITIVE), 'mass': (1.0, POSITIVE)})
        for name in ('triangular', 'square', 'chain', 'honeycomb', 'kagome', 'fcc', 'bcc')},

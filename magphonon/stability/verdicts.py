@@ -6,7 +6,7 @@ list.  A function whose finding is never a fault is decorated with `remark` and 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..dynamics.cages import CONTACT
-from ..dynamics.drives import constant_push, forces_and_walls
 from ..dynamics.engine import fastest, highest_frequency
 from ..dynamics.splittings import SPLITTINGS
 from ..errors import one_of
@@ -165,7 +164,7 @@ class Verdict:
 
 
 @takes('all neighbours', *LINEAR)
-def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) -> Verdict:
+def verdict(atoms: Atoms, damping: ArrayLike = 0.0) -> Verdict:
     """Check a structure before a run: whether it is at rest and stable, its time step, its supports and its linear range.
 
     A periodic cell is treated as an infinite lattice, and its whole zone is searched. In a cell of more than 200 degrees of
@@ -181,9 +180,6 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) 
     ----------
     atoms : ase.Atoms
         With their PairCalculator, or a cell with AllNeighbours.
-    drives : sequence of drives
-        Drives of the run; `Constant` drives may balance static forces, in addition to the dead load of the calculator.  A drive
-        on a particle that does not exist raises ValueError.
     damping : float or array_like, shape (particles,)
         Damping rate in 1/ms, which may need shorter time steps.
 
@@ -196,7 +192,6 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) 
     >>> judged.fine, round(judged['buckling'].needed, 9)  # it needs 4 f/L0
     (False, 4.0)
     """
-    forces_and_walls(drives, len(atoms))  # refuses drives of particles that do not exist
     layer = atoms if flat_layer(atoms) else None
     if layer is not None:
         atoms = layer.copy()
@@ -211,7 +206,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) 
     now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
     freedom(atoms)  # refuses constraints that are not supported
-    system = LinearSystem.nearest(atoms, constant_push(drives, len(atoms))).moving()
+    system = LinearSystem.nearest(atoms).moving()
     if system.turning:
         run['gyrating'], system = system, system.without_B()
     away = float(np.linalg.norm(system.calc.displacements(atoms), axis=1).max())

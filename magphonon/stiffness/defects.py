@@ -38,8 +38,7 @@ def with_vacancies(atoms: Atoms, particles: ArrayLike) -> Atoms:
     return _with(atoms[kept], calc.changed(calc.reference[kept], bonds, calc.sites[kept]))
 
 
-def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: float = 1.0, stiffness: float = 1.0,
-                kind: int | None = None) -> Atoms:
+def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: float = 1.0, stiffness: float = 1.0) -> Atoms:
     """The structure with one particle replaced by another.
 
     Parameters
@@ -48,15 +47,13 @@ def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: flo
     particle : int
     mass, strength, stiffness : float
         Mass, strength and stiffness of the foundation of the new particle, as factors of those of the replaced one.
-    kind : int, optional
-        Kind of the new particle, which chooses its law; by default the kind of the replaced one.
     """
     indices('the particle that is replaced', particle, len(atoms))
     factors = {name: np.ones(len(atoms)) for name in ('mass', 'strength', 'stiffness')}
     factors['mass'][particle] = positive('mass', mass)
     factors['strength'][particle] = finite('strength', strength, ())
     factors['stiffness'][particle] = not_negative('stiffness', stiffness)
-    return varied_sites(atoms, **factors, kinds={} if kind is None else {particle: kind})
+    return varied_sites(atoms, **factors)
 
 
 @dataclass(frozen=True)
@@ -104,16 +101,14 @@ def site_normals(seed: int, sites: int) -> NDArray[np.float64]:
     return ndtri(((raw >> np.uint64(11)) + 0.5) * 2.0**-53).reshape(sites, len(QUANTITIES))
 
 
-def varied_sites(atoms: Atoms, *, mass: Any, strength: Any, stiffness: Any, moved: Any = None, kinds: Any = None) -> Atoms:
-    """The structure with a factor of mass, strength and stiffness for each site, with moved sites, and with other kinds."""
+def varied_sites(atoms: Atoms, *, mass: Any, strength: Any, stiffness: Any, moved: Any = None) -> Atoms:
+    """The structure with a factor of mass, strength and stiffness for each site, and with moved sites."""
     calc = repulsion_of(atoms)
     moved = np.zeros((len(atoms), 3)) if moved is None else moved
     varied, reference = atoms.copy(), calc.reference.copy()
     for one in varied, reference:
         one.positions += moved
         one.set_masses(atoms.get_masses() * mass)  # pyright: ignore[reportArgumentType]  ASE declares text
-        for particle, kind in (kinds or {}).items():
-            one.arrays.setdefault('tags', np.zeros(len(atoms), int))[particle] = kind
     sites = replace(calc.sites, strengths=calc.strengths * strength, anchors=calc.anchors + moved,
                     foundation=stiffness[:, None] * calc.foundation)
     return _with(varied, calc.changed(reference, sites=sites))

@@ -166,6 +166,7 @@ def test_error_grows_with_the_square_of_the_displacement():
     assert errors[0] < 20 * d[0] ** 2  # the prefactor that makes 1e-5 L0 keep its promise
 
 
+@pytest.mark.slow
 def test_error_grows_with_the_inverse_of_the_smallest_displacements():
     cell = prototype()
     d = np.geomspace(1e-11, 1e-7, 41)  # round-off is noise: many displacements make a slope

@@ -13,7 +13,6 @@ from scene_files import ready_scene
 from magphonon import units
 from magphonon.cli import frf
 from magphonon.cli.main import main
-from magphonon.response.frf import FrequencyResponse
 from magphonon.scenes.scene import read_scene
 
 # Sec. III of the paper: vertical stiffness in N/m at the four angles in degrees, with D* and without; M = 1 kg
@@ -97,15 +96,6 @@ def test_a_curve_without_peak_says_so_and_lists_none(oscillator, scene_file, tmp
     run(scene_file(oscillator, ('from_Hz = 16.0', 'from_Hz = 60.0')), tmp_path / 'out')
     lines = capsys.readouterr().out.splitlines()
     assert [line for line in lines if 'peaks' in line] == 2 * ['  0 peaks from 60 to 64 Hz, in steps of 0.00417 Hz']
-
-
-def test_files(oscillator, scene_file, tmp_path):
-    found = run(scene_file(oscillator), tmp_path / 'out')
-    assert {file.name for file in (tmp_path / 'out').iterdir()} == {'frf.png', 'frf.csv', 'frf_complete.npz',
-                                                                   'frf_conventional.npz'}
-    for model in ('complete', 'conventional'):
-        saved = FrequencyResponse.load(tmp_path / 'out' / f'frf_{model}.npz')
-        assert_allclose(abs(saved.response) * units.N / units.m, found[f'{model}_amplitude_m_per_N'], rtol=1e-14)
 
 
 @pytest.mark.slow

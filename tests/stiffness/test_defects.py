@@ -86,19 +86,6 @@ def test_substitutions(seed):
     assert atoms.calc is calc  # what was given stays
 
 
-def test_another_kind_has_another_law():
-    atoms = lattices.triangular(10.0, 0.7).repeat((4, 4, 1))
-    laws = {(0, 0): LAW, (0, 1): LAWS['yukawa']}
-    atoms.calc = MagneticRepulsion(atoms, laws)
-    found = substituted(atoms, 5, kind=1)
-    assert found.get_tags().tolist() == [int(k == 5) for k in range(16)]
-    # the push on a neighbour is that of the other law
-    j = int(found.calc.bonds.j[found.calc.bonds.i == 5][0])
-    push = np.linalg.norm(found.get_forces()[j])
-    assert push == pytest.approx(abs(LAW.dphi(10.0) - LAWS['yukawa'].dphi(10.0)), rel=1e-9)
-    assert abs(atoms.get_forces()).max() < 1e-9  # before, all are in balance
-
-
 @pytest.mark.parametrize('law', [LAW, UprightMagnets(LAW)])
 def test_places_in_a_layer_scatter_in_its_plane(law):
     cell = lattices.triangular(10.0, 0.7).repeat((3, 3, 1))
