@@ -335,7 +335,7 @@ class _Model:
 
 @dataclass(frozen=True)
 class _Solution:
-    """Parameters of a model, their covariance, the noise of the rows and whether it is known, residuals, and ln of the evidence."""
+    """Parameters of a model, their covariance, the noise of the rows and whether it is known, residuals, and ln evidence."""
 
     model: _Model
     p: np.ndarray
