@@ -26,7 +26,7 @@ from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
 from ..stiffness.matrices import Model
 from .least_squares import Before
-from .objectives import Objective, soft_minimum
+from .objectives import Objective, soft_minimum, targets_of
 from .scatter import Rest, Slope, form, site_slopes
 from .site_designs import COMMON, Errors, Parts, Structure
 from .site_unknowns import ManyUnknowns, Place
@@ -35,7 +35,8 @@ DAMPING = 0.4  # standard deviation of the logarithm of the damping rate, which 
 SCAN = np.linspace(-3, 3, 25)  # deviations of the batch's force, in standard deviations, from which a search may start
 STARTS, ROBUST = 3, 10.0  # the best of them that are tried; residuals far above this count only by their logarithm
 NOISES = 100, 50, 30, 20, 10, 5, 3, 2, 1, 1, 1, 1  # by which factor the noise is taken to be larger, step by step
-MOST_CHI = 2.0  # chi above which the copy is not explained; that of the right device is 1, give or take a tenth
+MOST_CHI = 2.0  # above which a copy is not explained: that of the right device is 1, give or take a tenth.  Of 182 small patches,
+# identified by right and wrong models, those with 1.5 to 2 gained 5.6 dB in the median, as those below, and none below 5 lost any
 SOURCES = 3**0.5 * np.array([-1, 0, 1])  # deviations of the source's frequency, in standard deviations: the nodes of a Gaussian
 TAU = 3.0  # width of the soft minimum over targets and these frequencies, in the unit of the objective
 TRIED = 60  # exchanges that are tried for each one that is chosen, by their effect to first order
@@ -85,7 +86,7 @@ def trim(atoms: Atoms, objective: Objective | Sequence[Objective], measured: Seq
     parts : array_like
         Strengths of the magnets in stock, in the unit of the strengths of the calculator.
     errors : Errors
-        How well the device was built.
+        How well the device was built; those of the exponent are not identified.
     damping : float
         Damping rate that is expected, in 1/ms; it is fitted.
     exchanges : int
@@ -117,9 +118,8 @@ def trim(atoms: Atoms, objective: Objective | Sequence[Objective], measured: Seq
     >>> round(found.parts.force, 3), found.expected > found.built + 1
     (1.02, True)
     """
-    targets = (objective,) if isinstance(objective, Objective) else tuple(objective)
-    stock = np.unique(np.atleast_1d(finite('parts', parts)))
-    _refuse_unplaced(measured)
+    targets, stock = targets_of(objective), np.unique(np.atleast_1d(finite('parts', parts)))
+    _refuse_unplaced(measured, stock)
     structure, prior = Structure(atoms), Before.of(('damping',), {'damping': (1.0, DAMPING)})
     copy = _Copy(measured, prior, 1.0, structure, structure.rest(model=model), errors, positive('damping', damping, '1/ms'))
     place, chi = copy.identified()
@@ -138,12 +138,14 @@ def trim(atoms: Atoms, objective: Objective | Sequence[Objective], measured: Seq
     return Trim(tuple(chosen), tuple(chosen.values()), before, now.worst, chi, factor, identified)
 
 
-def _refuse_unplaced(measured):
+def _refuse_unplaced(measured, stock):
     if not measured:
         raise ValueError('measured holds no response; give those of a port or two')
     for one in measured:
-        if not (isinstance(one.drive, Dof) and isinstance(one.answer, Dof)) or one.sigma is None:
-            raise ValueError(f'{one.name}: a measured response needs drive and answer as Dof, and sigma, its noise')
+        if not (isinstance(one.drive, Dof) and isinstance(one.answer, Dof)) or one.sigma is None or not np.all(one.sigma > 0):
+            raise ValueError(f'{one.name}: a measured response needs drive and answer as Dof, and sigma, its noise, above zero')
+    if not len(stock) or stock[0] <= 0:
+        raise ValueError(f'parts must be the positive strengths of the magnets in stock, not {stock.tolist()}')
 
 
 @dataclass(frozen=True, eq=False)
