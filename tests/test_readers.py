@@ -105,20 +105,14 @@ def refusal(read, path):
 def test_tables_of_forces(text, coding, tmp_path):
     """Another unit would be seen: factors of units are 2.5 and more."""
     (tmp_path / 'f.csv').write_bytes(text.encode(coding))
-    if FORCES[text] is None:
-        refusal(read_forces, tmp_path / 'f.csv')
+    if FORCES[text] is None:  # nor is it read as anything else
+        for read in (read_forces, read_scan, read_transfer, held):
+            refusal(read, str(tmp_path / 'f.csv'))
         return
     found = read_forces(tmp_path / 'f.csv')
     assert_allclose(found.r, R, rtol=1e-12)
     assert_allclose(found.f, F, rtol=1e-12)
     assert held(str(tmp_path / 'f.csv'))[0] == 'forces'
-
-
-@pytest.mark.parametrize('text', [text for text, r in FORCES.items() if r is None])
-def test_a_table_of_forces_that_is_refused_is_read_as_nothing_else(text, tmp_path):
-    (tmp_path / 'f.csv').write_text(text)
-    for read in (read_forces, read_scan, read_transfer, held):
-        refusal(read, str(tmp_path / 'f.csv'))
 
 
 def test_gaps_need_the_size_of_the_magnets(tmp_path):

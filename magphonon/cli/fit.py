@@ -227,9 +227,7 @@ def _fit_forces(options):
         raise ValueError(f'{file}: {error}') from None
     entry, said = scene_entry(fit), force_report(file, options.magnet, forces, fit, shared, options.verbose)
     if (options.output or '').endswith('.toml'):
-        if wide := too_wide(forces, fit):
-            raise ValueError(f'{file}: {wide[0]}')
-        _write_scene(options, entry)
+        _write_scene(options, entry, too_wide(fit))
         print(said, f'{options.output} is the scene with this law', sep='\n')
         return
     if options.output is not None:
@@ -244,8 +242,8 @@ def _fit_forces(options):
         print(f'\nthe picture and the entry are in {options.output}')
 
 
-def _write_scene(options, entry):
-    """Write the scene that was named first with an entry in place of its tables [law] and [uncertainty]."""
+def _write_scene(options, entry, wide):
+    """Write the scene that was named first with an entry in place of its [law] and [uncertainty], unless it is too `wide`."""
     from ..scenes.scene import read_scene
     from .results import refuse_existing
 
@@ -253,6 +251,8 @@ def _write_scene(options, entry):
     if first is None:
         raise ValueError(f'-o {file} is a scene with the fitted law; name first the scene that it is made of: magphonon fit '
                          f'SCENE.toml {options.files[0]} -o {file}')
+    if wide:
+        raise ValueError(f'{options.files[0]}: {wide[0]}')
     refuse_existing(options, [file])
     if not (tables := OWN.search(first.text)):
         raise ValueError(f'{first} has no line [law], below which its law stands; write its law as such a table')
