@@ -497,7 +497,7 @@ def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Map
     rng, whole_steps = np.random.default_rng(whole('seed', seed, 0)), whole('steps', steps)
     x = np.clip(variables.present + FIRST * rng.normal(size=len(variables)), -1, 1)
     if errors is None and not variables.grades:
-        x, history = _Ascent(task, x).run(whole_steps)
+        x, history = _ascended(task, x, whole_steps)
     else:
         x, history = _drifted(task, x, errors, rng, whole_steps, whole('draws', draws) if errors else 1)
     structure, chosen, before = variables.structure, variables.parts(x), np.full(len(targets), np.nan)
@@ -594,42 +594,36 @@ def _drifted(task, x, errors, rng, steps, draws):
     return x, history
 
 
-class _Ascent:
-    """An ascent by L-BFGS-B, with the best design so far."""
+def _ascended(task, x, steps):
+    """The best parameters that L-BFGS-B finds, and the best value at each evaluation."""
+    best, value, history = x, -np.inf, []
 
-    def __init__(self, task, x):
-        self.task, self.best, self.value, self.history = task, x, -np.inf, []
-
-    def run(self, steps):
-        """The best parameters found, and the best value at each evaluation."""
-        for _ in range(RESTARTS):
-            before = self.task.buckled
-            minimize(self.down, self.best, jac=True, method='L-BFGS-B', bounds=[(-1, 1)] * len(self.best),
-                     options={'maxiter': steps, 'maxfun': 2 * steps})
-            if self.task.buckled == before or not np.isfinite(self.value) or len(self.history) > 2 * steps:
-                break  # else a trial that buckled has stopped it
-        if not np.isfinite(self.value):
-            raise Unstable(f'of {len(self.history) + self.task.buckled} designs that were tried within the bounds, none has a '
-                           'stable equilibrium: begin with a structure that is stable, such as one with stiffer springs; widen '
-                           'the bounds if they exclude it')
-        return self.best, self.history
-
-    def down(self, x):
-        """The function that is minimised, and its slope; where the structure buckles, it is very large and flat."""
+    def down(x):  # where the structure buckles, it is very large and flat
+        nonlocal best, value
         try:
-            value, slope = self.task(x)
-            if value > self.value and not self.task.holds(x):
+            found, slope = task(x)
+            if found > value and not task.holds(x):
                 raise Unstable('waves of the cell grow')
         except Unstable:
-            self.task.buckled += 1
-            known = self.value if np.isfinite(self.value) else 0.0
+            task.buckled += 1
+            known = value if history else 0.0
             return FAR * (1 + abs(known)) - known, np.zeros(len(x))
-        if not self.history:
+        if not history:
             _refuse_flat(slope)
-        if value > self.value:
-            self.best, self.value = x.copy(), value
-        self.history.append(self.value)
-        return -value, -slope
+        if found > value:
+            best, value = x.copy(), found
+        history.append(value)
+        return -found, -slope
+
+    for _ in range(RESTARTS):
+        before, limits = task.buckled, {'maxiter': steps, 'maxfun': 2 * steps}
+        minimize(down, best, jac=True, method='L-BFGS-B', bounds=[(-1, 1)] * len(x), options=limits)
+        if task.buckled == before or not history or len(history) > 2 * steps:
+            break  # else a trial that buckled has stopped it
+    if not history:
+        raise Unstable(f'of {task.buckled} designs that were tried within the bounds, none has a stable equilibrium: begin with '
+                       'a structure that is stable, such as one with stiffer springs; widen the bounds if they exclude it')
+    return best, history
 
 
 @dataclass(frozen=True, eq=False)
@@ -730,9 +724,13 @@ def verify(atoms: Atoms, objective: Objective | Sequence[Objective], errors: Err
 def write_build_list(path: str | PathLike[str], atoms: Atoms) -> None:
     """Write the build list of a structure as CSV in SI: position of the foot, mass, strength, stiffness and whether it is held.
 
-    Strengths are relative to those of the calculator's law, stiffnesses are along x.  A scene reads the list as its particles.
+    Strengths are relative to those of the calculator's law.  A scene reads the list as its particles.  ValueError if the list has
+    no place for what the structure is: periodic, not planar, on springs that differ along x and y, or under loads.
     """
     calc: Any = atoms.calc
+    if atoms.pbc.any() or calc.dim != 2 or np.ptp(np.atleast_2d(calc.foundation), axis=-1).any() or calc.load.any():
+        raise ValueError('a build list is that of a finite planar structure with round rods and no loads: it has no place for a '
+                         'cell, for heights, for springs that differ along x and y, and for loads')
     middle = (calc.anchors.min(axis=0) + calc.anchors.max(axis=0)) / 2
     x, y, _ = ((calc.anchors - middle) / units.m).round(12).T + 0.0  # no zeros of round-off
     held = ~LinearSystem.of(atoms).mobile

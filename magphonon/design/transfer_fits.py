@@ -102,14 +102,6 @@ class TransferFit(ParameterFit):
         return super().freedom - len(self.sites)
 
 
-def responses(built: ParametricLattice, functions: Sequence[TransferFunction]) -> NDArray[np.complex128]:
-    """Responses of a lattice for all functions, one after the other, in mm/N or per displacement of the bench.
-
-    Each function has the Dof where it is seen, and the Dof of its force or the direction in which the bench is shaken.
-    """
-    return np.concatenate([one.h for one in solved(built, functions)[1]])
-
-
 class Solved(NamedTuple):
     """One computed transfer function: frequencies, h without gain, and displacements in a basis, shape (frequencies, basis).
 
@@ -124,7 +116,10 @@ class Solved(NamedTuple):
 
 
 def solved(built: ParametricLattice, functions: Sequence[TransferFunction], widened: float = 0.0) -> tuple[Any, list[Solved]]:
-    """A basis of displacements, shape (particles * dim, basis), and each function in it, with `widened` more damping in 1/ms."""
+    """A basis of displacements, shape (particles * dim, basis), and each function in it, with `widened` more damping in 1/ms.
+
+    Each function has the Dof where it is seen, and the Dof of its force or the direction in which the bench is shaken.
+    """
     system, dim = built.system, built.system.dim
     omega, where = np.unique(np.concatenate([one.omega for one in functions]), return_inverse=True)
     where = np.split(where, np.cumsum([len(one.omega) for one in functions])[:-1])

@@ -24,7 +24,7 @@ from ..stiffness.factors import inverse
 from ..stiffness.plausibility import asked_frequencies, site_damping
 from ..stiffness.rest import LinearSystem, components, refuse_held
 from ..traits import LIKE, LINEAR, takes
-from .chebyshev import BLOCK, Matrix, chebyshev_blocks, products_of, sizes, stable_interval
+from .chebyshev import BLOCK, Matrix, chebyshev_blocks, none_negative, products_of, sizes, stable_interval
 from .normal_modes import SMALL, refuse_growing, refuse_unstable
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ CAUTION, WIDTH, STILL, LARGE = 3.0, 0.3, 1e-3, 0.1
 cycles, as a fraction of its carrier; the fraction of the carrier that counts as zero; the displacement, in shortest bonds, from
 which on no motion counts as linear."""
 ON_GRID = 8  # products by a stencil that take as long as one by a sparse matrix
+DEFINITE = 8  # a factorisation by CHOLMOD, which proves stability, takes this many times less than one of a complex matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +290,7 @@ def _steady(system, force, omega, rates, particles, tolerance, stiffer):
         if _series_length(_inner(_scaled(K, omega, gamma)[1]), tolerance) > factorisation * len(omega):
             error = np.full(len(omega), np.inf)
         else:
-            if isinstance(K, Matrix) or not K.proves_stable:
+            if not none_negative(K, len(s), int(factorisation / DEFINITE)):
                 refuse_unstable(system)
             u[..., : system.dim], error, _ = series_response(system, s, omega, gamma, particles, tolerance, K)
     lost = error > tolerance * abs(u).max(axis=(1, 2), initial=0.0)

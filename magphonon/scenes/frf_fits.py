@@ -17,7 +17,7 @@ from .. import units as u
 from ..design.least_squares import MOST_FACTOR
 from ..design.misreadings import misreading
 from ..design.site_unknowns import with_site_unknowns
-from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer, responses, roughly_left
+from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer, roughly_left, solved
 from ..errors import PhysicsError, not_negative, one_of
 from ..response.frf import Dof
 from ..stiffness.matrices import MODELS, Model
@@ -228,8 +228,7 @@ def responses_of(scene: Scene, model: Model, functions: Sequence[TransferFunctio
                  factors: Mapping[str, float] | None = None) -> list[NDArray[np.complex128]]:
     """The response of a scene with `factors` of its parameters, at the frequencies of each function; these come `with_dofs`."""
     factors = dict(factors or {})
-    h = responses(_built(scene, model, factors), functions) * factors.get('gain', 1.0)
-    return np.split(h, np.cumsum([len(one.omega) for one in functions])[:-1])
+    return [factors.get('gain', 1.0) * one.h for one in solved(_built(scene, model, factors), functions)[1]]
 
 
 def suspect_units(scene: Scene, functions: Sequence[TransferFunction]) -> str | None:

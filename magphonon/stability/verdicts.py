@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from ase import Atoms
-from ase.constraints import FixAtoms
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
@@ -103,7 +102,7 @@ class Verdict:
     """What the checks find about a structure; `str(verdict)` is the whole report in words and SI units.
 
     `verdict[name]` is the result of one check in mm, g and ms, and `finding(name)` (Finding) says it in words: 'residual' (N),
-    'buckling' and 'out_of_plane' (Buckling), 'guided' (N/mm), 'timestep_limit' (ms), 'away' (mm), 'contact', 'supports'
+    'buckling' and 'out_of_plane' (Buckling), 'timestep_limit' (ms), 'away' (mm), 'contact', 'supports'
     (Supports), 'rigidity' (Rigidity), 'amplitude' (mm).  The result is None if the check does not apply to the structure, or was
     not computed.  A check runs when it is first asked for.
     """
@@ -470,22 +469,6 @@ def out_of_plane(case: Case) -> Finding:
         return Finding(found, f'It is on the verge of buckling out of the plane{_at(found)}: the supports of {have} along z are '
                        'just what it needs, and round-off would decide. Take stiffer supports.', True)
     return Finding(found, f'It buckles out of the plane{_growth(found)}. Its supports need {need} along z and have {have}.', True)
-
-
-@remark
-def guided(case: Case) -> Finding:
-    """Foundation needed without the guides FixedLine and FixedPlane, N/mm; None if there are no guides."""
-    fixed = [constraint for constraint in case.atoms.constraints if isinstance(constraint, FixAtoms)]
-    if len(fixed) == len(case.atoms.constraints):
-        return Finding()
-    free = case.atoms.copy()
-    free.calc = case.calc
-    free.set_constraint(fixed)
-    needed = softest_of(free, 'complete').needed
-    if not case.stable or needed <= (1 + VERGE) * case.inside.spring:
-        return Finding(needed)
-    return Finding(needed, 'It is stable only because a constraint blocks sideways motion; without the constraint it would need '
-                   f'a foundation of {_stiffness(needed)}.')
 
 
 @check

@@ -33,10 +33,10 @@ from .. import units
 from ..errors import finite, one_of
 from ..results import Saved
 from ..traits import takes
-from .calculator import PairCalculator, bond_virial, measure, same_cell
+from .calculator import PairCalculator, measure
 from .factors import inverse
 from .matrices import MODELS, Model, hessian, signed_root
-from .repulsion import masses_of, repulsion_of
+from .repulsion import masses_of
 from .rest import LinearSystem
 
 FLOPPY = 1e-12
@@ -153,49 +153,6 @@ class Moduli(Saved, kind='elastic moduli', units={
             words.append(f'B_ijkl differs from B_klij by up to {lost / unit:.3g} {name}, because the stress is no hydrostatic '
                          'pressure')
         return ', '.join(words)
-
-
-def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:
-    """Stress of the bonds at the present positions, whether or not the forces balance there.
-
-    It is the same stress as `atoms.get_stress()`, but in the plane as a force per length, without the height of the cell.  It is
-    also available with a foundation, whose forces it does not include.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-        One periodic cell with its PairCalculator.
-
-    Returns
-    -------
-    ndarray, shape (dim, dim)
-        In N in a chain, N/mm in the plane, N/mm^2 in space.  Negative for repulsion.
-
-    Examples
-    --------
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> from magphonon.stiffness import cauchy_stress
-    >>> cell = lattices.square(1.0, 1.0)
-    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
-    >>> cauchy_stress(cell).round(9)  # f/L0 of compression
-    array([[-1.,  0.],
-           [ 0., -1.]])
-
-    A filter of ASE finds the lattice under a given pressure.  It takes the pressure on the walls of the cell, which is the
-    pressure per length divided by the height of the cell, and a mask that keeps the height fixed:
-
-    >>> from ase.filters import FrechetCellFilter
-    >>> from ase.optimize import BFGS
-    >>> pressed = FrechetCellFilter(cell, mask=(1, 1, 0, 0, 0, 1), scalar_pressure=2.0 / cell.cell[2, 2])
-    >>> bool(BFGS(pressed, logfile=None).run(fmax=1e-8))
-    True
-    >>> round(float(-cauchy_stress(cell)[0, 0]), 6), round(float(cell.cell[0, 0] ** -5), 6)  # f/L = L^-5
-    (2.0, 2.0)
-    """
-    calc = repulsion_of(atoms)
-    _refuse_patches(atoms)
-    calc = calc if same_cell(calc, atoms) else calc.about(atoms)
-    return bond_virial(calc, calc.displacements(atoms)) / measure(atoms)
 
 
 @takes('radii')

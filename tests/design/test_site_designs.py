@@ -184,6 +184,8 @@ def test_a_build_list_is_the_structure(tmp_path):
         f'[law]\nkind = "inverse_power"\nb_N_m_a = {LAW.b * 1e-3**LAW.a!r}\na = {LAW.a}\nshells = 1\n')
     built = read_scene(tmp_path / 'built.toml').atoms()
     assert design.targets[0].value(built) == pytest.approx(design.value, abs=1e-4)
+    with pytest.raises(ValueError, match='no place for a cell, for heights, for springs that differ along x and y'):
+        write_build_list(tmp_path / 'oval.csv', patch(20.0, [[0.02, 0.03]]))
 
 
 def test_another_rest_nearby_is_the_same_rest():

@@ -119,10 +119,9 @@ def test_what_the_model_does_not_explain_is_refused():
     tenth = Errors(**{name: getattr(ERRORS, name) / 10 for name in ERRORS.names})
     with pytest.raises(ValueError, match=r'chi = 3\.\d is their distance in units of noise and errors'):
         of(answers, errors=tenth)  # responses are met within 1.8 of their noise, by parts that are as good as impossible
-    for wrong, words in (([], 'holds no response'), ([replace(answers[0], sigma=None)], 'sigma, its noise'),
-                         ([replace(answers[0], answer=X)], 'as Dof'), ([replace(answers[0], sigma=0.0)], 'above zero')):
+    for wrong, stock, words in (
+            ([], STOCK, 'holds no response'), ([replace(answers[0], sigma=None)], STOCK, 'sigma, its noise'),
+            ([replace(answers[0], answer=X)], STOCK, 'as Dof'), ([replace(answers[0], sigma=0.0)], STOCK, 'above zero'),
+            (answers, [], 'positive strengths of the magnets'), (answers, [-1.0, 1.0], 'positive strengths of the magnets')):
         with pytest.raises(ValueError, match=words):
-            of(wrong)
-    for wrong in ([], [-1.0, 1.0]):
-        with pytest.raises(ValueError, match='positive strengths of the magnets in stock'):
-            of(answers, parts=wrong)
+            of(wrong, parts=stock)
