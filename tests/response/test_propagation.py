@@ -74,7 +74,7 @@ def test_a_drive_that_is_no_function_of_the_time_is_refused():
 
 
 @pytest.mark.filterwarnings('ignore:a damping of')
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=12)
 @given(tolerance=st.floats(1e-12, 1e-1), duration=st.floats(0.1, 1000), gamma=st.sampled_from([0.0, 0.01, 3.0]),
        frames=st.integers(1, 20), driven=st.booleans())
 def test_the_tolerance_is_met(tolerance, duration, gamma, frames, driven):

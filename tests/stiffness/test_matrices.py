@@ -35,6 +35,20 @@ def test_hessian_of_a_displaced_lattice(name, law):
     assert abs(exact['D0'] + exact['foundation'] - exact['all']).max() > 0.05 * largest
 
 
+@pytest.mark.parametrize('name', LATTICES)
+def test_conventional_hessian_keeps_the_directions_of_rest(name):
+    rest, atoms, u = displaced(name)
+    law = LAWS['magnets']
+    energy = Energy(rest, law)
+    calc = MagneticRepulsion(rest, law, model='conventional')
+    expected = second_derivatives(lambda x: energy.frozen(x, about=0 * u), u)
+    assert abs(in_plane(calc.get_hessian(atoms), energy.dim) - expected).max() < TOLERANCE * abs(expected).max()
+    assert not calc.get_hessian(atoms, 'Dstar').toarray().any()
+    # the control: with the directions of the moment it is another matrix, by the angles of a few percent
+    turned = second_derivatives(lambda x: energy.frozen(x, about=u), u)
+    assert abs(turned - expected).max() > 1e-3 * abs(expected).max()
+
+
 @pytest.mark.parametrize('seed', range(6))
 def test_matrices_of_bonds_drawn_either_way_round(seed):
     rng = np.random.default_rng(seed)
