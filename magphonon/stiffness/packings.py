@@ -247,8 +247,8 @@ def _balance(atoms, held, radii, law, pressure, least):
 def _near(atoms, radii, law, pressure):
     """Near pairs for `forces`, the cells of j, and the root of the masses, shape (spheres + 3, 1), the last of them of the cell.
 
-    A mass is the stiffness of all near pairs of a sphere, by the overlap that the pressure makes.  Then no frequency of springs is
-    above the root of two (Gershgorin), however large a sphere and however many its contacts.
+    A mass is the stiffness of all near pairs of a sphere, by the overlap that the pressure makes.  Then no frequency of springs
+    is above the root of two (Gershgorin), however large a sphere and however many its contacts.
     """
     n, D, dim = len(radii), 2 * radii.mean(), atoms.pbc.sum()
     i, j, shift, touching, strength = near_pairs(atoms, radii, law, SKIN)
