@@ -95,7 +95,7 @@ def reading(table):
             other = cheapest([m for m in table if m.method.split(',')[0] != kind], tolerance)
             beside = f' ({other.method} takes {spoken(other.seconds / best.seconds)} times as long)' if other else ' alone'
             said.setdefault(f'{best.method}{beside}', []).append(f'{tolerance:g}')
-    return '; '.join(f'to {" and ".join(errors)} {words}' for words, errors in said.items()) or 'no method reaches 0.01'
+    return '; '.join(f'to errors of {" and ".join(errors)}: {words}' for words, errors in said.items()) or 'none reaches 0.01'
 
 
 if __name__ == '__main__':

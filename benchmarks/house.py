@@ -43,7 +43,6 @@ ROUTES = {  # what is prepared, and what is followed
     'magphonon bands': (COMMAND, "command(['bands', 'prototype', '-o', 'b'])"),
     'magphonon fit': (COMMAND, "command(['fit', FORCES, '--spacing', '10mm', '-o', 'f'])"),
     'magphonon fit --bands': (COMMAND, "command(['fit', RIDGES, '--bands', 'prototype', '-o', 'f'])"),
-    'magphonon burst': (COMMAND, "command(['burst', 'prototype', '-o', 'w'])"),
 }
 FOLLOW = """
 import json, os, sys, tempfile

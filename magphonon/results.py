@@ -1,13 +1,12 @@
-"""How results are displayed and kept: a summary in one line or a table in a notebook; files of arrays with their units."""
+"""How results are displayed and kept: a summary in one line, files of arrays with their units."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping
 from dataclasses import fields
-from html import escape
 from os import PathLike
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,6 @@ from numpy.typing import NDArray
 from .errors import shown
 from .files import refuse_overflow, whole_file
 from .units import hertz
-
-if TYPE_CHECKING:
-    from xarray import Dataset
 
 
 class Result:
@@ -38,10 +34,6 @@ class Result:
 
     def __repr__(self) -> str:
         return f'{type(self).__name__}({", ".join(f"{name}={words}" for name, words in self._held().items())})'
-
-    def _repr_html_(self) -> str:
-        rows = ''.join(f'<tr><td>{name}</td><td>{escape(words)}</td></tr>' for name, words in self._held().items())
-        return f'<table><caption>{type(self).__name__}</caption>{rows}</table>'
 
 
 def _in_words(value: Any, unit: str) -> str:
@@ -162,53 +154,12 @@ class Saved(Result):
         values = {field.name: getattr(self, field.name) for field in fields(type(self))}
         return {name: value for name, value in values.items() if value is not None}
 
-    def to_xarray(self) -> Dataset:
-        """Convert to an `xarray.Dataset`: each array has its unit in `attrs`, and the axes that `save` names.
-
-        If a one-dimensional array lies along an axis, as `omega` along the frequencies, its name and values label that axis.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from magphonon.dynamics import Motion
-        >>> motion = Motion(np.arange(5.0), np.array([3, 4]), np.zeros((5, 2, 2)))
-        >>> motion.to_xarray().displacements.sel(times=2.0, particles=4).values
-        array([0., 0.])
-        """
-        from xarray import Dataset
-
-        arrays = {name: np.asarray(value) for name, value in self._arrays().items()}
-        along = {name: _spread(name, array, self._units[name][1:]) for name, array in arrays.items()}
-        called = {along[name][0]: name for name in reversed(arrays) if len(along[name]) == arrays[name].ndim == 1}
-        found, lengths = {}, {}
-        for name, array in arrays.items():
-            axes = [called.get(axis, f'{axis}_axis' if axis in self._units else axis) for axis in along[name]]
-            unit = self._units[name][0]
-            found[name] = (_told_apart(axes, array.shape, lengths), array, {'units': unit} if unit else {})
-        hertz = {'frequencies_Hz': (found['omega'][0], self.frequencies_Hz, {'units': 'Hz'})} if 'omega' in found else {}  # pyright: ignore[reportAttributeAccessIssue]  what has an omega is InHertz
-        return Dataset(found, hertz)
-
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
         """Read a result from the file that `save` wrote."""
         optional = [field.name for field in fields(cls) if field.default is None]
         data = saved_arrays(path, cls._kind, cls._units, cls._missing, optional)
         return cls(**{field.name: _restored(data[field.name], field.type) for field in fields(cls) if field.name in data})
-
-
-def _spread(name, array, axes):
-    """The names of the axes of an array, with a name for each of the further ones that '...' stands for."""
-    return [*axes[:-1], *(f'{name}_{k}' for k in range(len(axes) - 1, array.ndim))] if '...' in axes else axes
-
-
-def _told_apart(axes, shape, lengths):
-    """The names of the axes of an array with another one where a name is twice among them, or has another length elsewhere."""
-    for k, length in enumerate(shape):
-        if axes[k] in axes[:k]:  # a matrix
-            axes[k] = f'{axes[k]}_again'
-        if lengths.setdefault(axes[k], length) != length:  # two or three components
-            axes[k] = f'{axes[k]}_{length}'
-    return axes
 
 
 def _restored(array, kind):

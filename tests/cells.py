@@ -39,3 +39,10 @@ def triangular_patch(**options):
     atoms.positions[:, :2] += np.random.default_rng(5).uniform(-0.3, 0.3, (12, 2))
     atoms.calc = MagneticRepulsion(rest, LAW, **options)
     return atoms
+
+
+def cauchy_stress(atoms):
+    """Stress of a cell without foundation as a force per length in a plane, from ASE's, which is per area of the cell's walls."""
+    periods, dim = atoms.cell.array[atoms.pbc], atoms.calc.dim
+    across = atoms.get_volume() / np.sqrt(np.linalg.det(periods @ periods.T))
+    return across * atoms.get_stress(voigt=False)[:dim, :dim]

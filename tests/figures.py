@@ -6,9 +6,6 @@ import numpy as np
 from matplotlib.quiver import Quiver
 
 from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, units as u
-from magphonon.bands.zone import zone_map
-
-STEPS = 48
 
 
 def ideal(lattice=lattices.triangular, foundation=0.0):
@@ -20,10 +17,6 @@ def ideal(lattice=lattices.triangular, foundation=0.0):
 
 def bands_of(cell, path='GMKG', npoints=300, **options):
     return analytic_bands(cell, cell.cell.bandpath(path, npoints=npoints, pbc=cell.pbc), **options)
-
-
-def maps_of(cell):
-    return zone_map(cell, STEPS), zone_map(cell, STEPS, model='conventional')
 
 
 def drawn(ax):

@@ -38,27 +38,18 @@ def scene_text(spacing, mass, b, a, foundation):
 
 
 class Experiment:
-    """A lattice like the prototype and scans of bursts along one of its close-packed rows, drawn; in mm, g, ms and N.
+    """A lattice like the prototype, and a scan of a burst of each branch along one of its close-packed rows; in mm, g, ms and N.
 
-    Parameters
-    ----------
-    seed : sequence of int
-    modes : sequence of int
-        Branches that are driven, 0 for shear and 1 for longitudinal waves, each by `carriers` bursts.
-    noise : float
-        White noise, as a fraction of the largest displacement.
-    with_dstar : bool
-        False for a lattice whose waves know nothing of the static forces.
+    It is drawn by `seed`; the noise is a tenth of the largest displacement.
     """
 
-    def __init__(self, seed, modes=(0, 1), noise=0.1, carriers=3, with_dstar=True):
+    def __init__(self, seed):
         rng = self.rng = np.random.default_rng(seed)
         self.L, self.m, self.angle = rng.uniform(8, 14), rng.uniform(0.5, 1), rng.choice([0, 60, 120])
         f, a, k = rng.uniform(0.15, 0.4), rng.uniform(3, 5), rng.uniform(0.015, 0.03)
         self.truth = {'force': f, 'a': a, 'foundation': 1e3 * k, 'bond stiffness': 1e3 * a * f / self.L}
-        self.modes, self.noise, self.carriers = modes, noise, carriers
         self.xi = np.linspace(0, np.pi, 3001)
-        self.omega = triangular_branches(self.xi, self.angle, self.L, self.m, f / self.L * with_dstar, a * f / self.L, k)
+        self.omega = triangular_branches(self.xi, self.angle, self.L, self.m, f / self.L, a * f / self.L, k)
 
     def scene(self, folder, mass=1.0):
         """Where a fit starts: force, exponent and springs some 10 % off."""
@@ -70,11 +61,9 @@ class Experiment:
         """Name, times, places and displacements along x and y of each burst; some points are missing."""
         t, n = np.arange(0, 800, 2.0), np.sort(self.rng.permutation(points)[missing:])
         row = np.array([np.cos(np.radians(self.angle)), np.sin(np.radians(self.angle))])
-        for burst in range(self.carriers):
-            for mode in self.modes:
-                omega = self.omega[:, mode]
-                carrier = np.interp(self.rng.uniform(0.5, 2.4), self.xi, omega)
-                u = packet(t, n, self.xi, omega, carrier, 0.1 * carrier, 150)
-                u = 1e-3 * (u / abs(u).max() + self.noise * self.rng.normal(size=u.shape))
-                x, y = ((-row[1], row[0]), row)[mode]
-                yield f'{burst}{mode}', t, self.L * n[:, None] * row, u * x, u * y
+        for mode, (x, y) in enumerate(((-row[1], row[0]), row)):
+            omega = self.omega[:, mode]
+            carrier = np.interp(self.rng.uniform(0.5, 2.4), self.xi, omega)
+            u = packet(t, n, self.xi, omega, carrier, 0.1 * carrier, 150)
+            u = 1e-3 * (u / abs(u).max() + 0.1 * self.rng.normal(size=u.shape))
+            yield f'0{mode}', t, self.L * n[:, None] * row, u * x, u * y

@@ -85,11 +85,3 @@ def test_one_hundred_strangers(piece, tmp_path, capsys, monkeypatch):
     for seed in range(10 * piece, 10 * piece + 10):
         (own := tmp_path / str(seed)).mkdir()
         walk(seed, own, capsys, ['check', *['bands'] * (seed % 2), *['burst', 'explore'] * (seed % 10 == 0)])
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('seed', range(100, 400))
-def test_more_strangers(seed, tmp_path, capsys, monkeypatch):
-    """Through all commands, about an hour."""
-    without_pictures(monkeypatch)
-    walk(seed, tmp_path, capsys, ['check', 'bands', 'burst', 'explore'])

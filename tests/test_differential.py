@@ -197,9 +197,9 @@ def compare(seeds, engines, draw=drawn, **limits):
             assert off < EXACT, f'{draw.__name__}({seed}, **{limits}): {name} is off by {off:.2g} of the largest displacement'
 
 
-@pytest.mark.parametrize('part', few_first(range(4), 1))
+@pytest.mark.parametrize('part', few_first(range(8), 1))
 def test_ases_loop_is_velocity_verlet_on_any_patch(part):
-    compare(range(part, 40, 4), ['ase'], most=300)
+    compare(range(part, 40, 8), ['ase'], most=300)
 
 
 # numba compiles anew for every number of bond groups and of coefficients: a few seconds each.  These draws need few of them:
@@ -208,36 +208,15 @@ SIMILAR = {'kinds': ('triangular', 'honeycomb'), 'shells': 1, 'models': ('comple
 
 
 @pytest.mark.slow
-def test_the_compiled_grid_is_velocity_verlet_on_any_patch():
-    compare(range(100, 170), ['compiled grid'], most=1000, **SIMILAR)
-
-
-@pytest.mark.slow
-def test_the_compiled_table_is_velocity_verlet_on_any_patch():
-    compare(range(300, 320), ['compiled table'], most=700, **SIMILAR | {'kinds': ('triangular',)})
-
-
-@pytest.mark.slow
 def test_compiled_blocks_are_velocity_verlet_on_patches_whose_particles_are_off_their_places():
     for name in ('compiled grid', 'compiled found', 'compiled table'):
         compare(range(500, 515), [name], scattered, most=700, **SIMILAR | {'kinds': ('triangular',)})
 
 
-@pytest.mark.slow
-def test_threads_change_nothing_of_that(monkeypatch):
-    monkeypatch.setattr(memory_layout, 'RUN', 16)  # so that drives and holes lie in several runs, strips in part of one
-    for seed in range(520, 530):
-        case = drawn(seed, most=1000, **SIMILAR)
-        u = case.run('compiled grid')
-        assert misfit(u, case.expected()) < EXACT
-        for threads in (2, 3):
-            assert np.array_equal(replace(case, threads=threads).run('compiled grid'), u), f'drawn({seed}), {threads} threads'
-
-
 @pytest.mark.parametrize('change', [{'model': 'conventional'}, {'foundation': 1.01}, {'reach': 1.9 * L0}])
 def test_another_model_foundation_or_bond_list_is_noticed(change):
     # the control: the oracle about another structure is off by more than the tolerance, for every patch
-    for seed in range(5):
+    for seed in range(3):
         case = drawn(seed, kinds=('triangular',), shells=1, models=('complete',), most=100)
         other = replace(case, **change)
         assert misfit(case.run('ase'), other.expected()) > 1e3 * EXACT
@@ -247,17 +226,12 @@ def test_another_model_foundation_or_bond_list_is_noticed(change):
 
 
 def test_relaxed_and_loaded_patches_move_as_they_should():
-    compare(range(400, 410), ['ase'], strained, most=120)
-
-
-@pytest.mark.slow
-def test_compiled_too():
-    compare(range(410, 416), ['compiled found'], strained, most=150, **SIMILAR | {'kinds': ('triangular',)})
+    compare(range(400, 405), ['ase'], strained, most=120)
 
 
 def test_chains_and_crystals_move_as_they_should():
-    compare(range(4), ['ase'], chain)
-    compare(range(4), ['ase'], crystal)
+    compare(range(3), ['ase'], chain)
+    compare(range(2), ['ase'], crystal)
 
 
 @pytest.mark.parametrize('change', [{'load': 0.0}, {'shift': 0.0}])

@@ -287,17 +287,6 @@ def test_gyration_does_not_hold_a_saddle():
 
 
 @pytest.mark.slow
-def test_check_and_frf_judge_a_lattice_that_gyrates_to_the_end(tmp_path, capsys):
-    text = ready_scene('gyro').read_text().replace('cells_1 = 24', 'cells_1 = 6').replace('cells_2 = 12', 'cells_2 = 6')
-    place = 'at_m = [0.0, 0.0]\ndirection_deg = 0.0\n'
-    frf = f'[frf]\nfrom_Hz = 3\nto_Hz = 6\npoints = 3\ndamping_per_s = 1\n[frf.force]\n{place}[frf.response]\n{place}'
-    (tmp_path / 'scene.toml').write_text(f'{text}\n{frf}')
-    for command in (['check'], ['frf', '-o', str(tmp_path / 'out')]):
-        assert main([*command, str(tmp_path / 'scene.toml')]) == 0
-        assert 'Nearest neighbours only (shells = 1): farther ones would shift' in capsys.readouterr().out
-
-
-@pytest.mark.slow
 def test_the_command_draws_modes_of_particles_that_gyrate(tmp_path, capsys, monkeypatch):
     text = ready_scene('gyro').read_text().replace('cells_1 = 24', 'cells_1 = 8').replace('cells_2 = 12', 'cells_2 = 7')
     (tmp_path / 'scene.toml').write_text(text)

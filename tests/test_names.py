@@ -11,7 +11,6 @@ from magphonon import DrivenVerlet, propagate
 from magphonon.bands import Bands
 from magphonon.bands.density import DensityOfStates
 from magphonon.bands.evanescent import ComplexBands
-from magphonon.bands.zone import ZoneMap
 from magphonon.dynamics import Motion, Recorder
 from magphonon.response import Modes
 from magphonon.response.frf import FrequencyResponse
@@ -20,8 +19,7 @@ from magphonon.stability.amplitude_shifts import Shifts
 from magphonon.waves.spectrum import Ridge, Spectrum
 from magphonon.waves.wave_analysis import Branch
 
-RESULTS = [Bands, ZoneMap, ComplexBands, Modes, FrequencyResponse, Shifts, Spectrum, Branch, Ridge,
-           DensityOfStates, Localisation]
+RESULTS = [Bands, ComplexBands, Modes, FrequencyResponse, Shifts, Spectrum, Branch, Ridge, DensityOfStates, Localisation]
 
 
 @pytest.mark.parametrize('result', RESULTS, ids=lambda result: result.__name__)

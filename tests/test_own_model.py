@@ -14,7 +14,6 @@ from magphonon.bands import (
     group_velocities,
     lattice_density,
     sound_speeds,
-    zone_map,
 )
 from magphonon.bands.bloch import bloch_modes, damped_modes
 from magphonon.bands.density import band_ranges
@@ -37,7 +36,6 @@ CELLS = {  # of any cell at rest
 }
 PERFECT = {  # of perfect lattices
     'sound_speeds': lambda a, *m: sound_speeds(a, None, *m),
-    'zone_map': lambda a, *m: np.nan_to_num(zone_map(a, 6, *m).omega),
     'complex_bands': lambda a, *m: np.sort(abs(complex_bands(a, (0, 1, 0), [0.8], *m).xi[:, :2])),
     'frequency_sensitivities': lambda a, *m: frequency_sensitivities(a, Q * a.pbc, HARDER, *m)[1],
     'frequency_spread': lambda a, *m: frequency_spread(a, Q * a.pbc, Tolerances({'p': HARDER[0]}, np.eye(1)), *m).std,

@@ -9,7 +9,6 @@ from magphonon.bands import sound_speeds
 from magphonon.bands.bloch import bloch_modes
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.scenes.lattices import Pillar
-from magphonon.stiffness.matrices import signed_root
 
 # The numbers are given to ten digits or more.
 PRINTED = 1e-9
@@ -52,15 +51,6 @@ def test_oscillator_stiffness(paper, k):
     np.testing.assert_allclose(oscillator_stiffness(theta0, 'Dstar'), complete - conventional, **tolerance)
     # the control: the conventional stiffness is not the complete one, at any theta0
     assert abs(complete - conventional).max() > 0.05 * 120000
-
-
-@pytest.mark.parametrize('k', range(4))
-def test_oscillator_frequencies(paper, k):
-    numbers = paper['oscillator']
-    theta0 = np.pi * numbers['theta0_over_pi'][k]
-    for part, expected in (('all', numbers['omega_y'][k]), ('D0', numbers['omega_y_D0'][k])):
-        omega_y = signed_root(oscillator_stiffness(theta0, part)[1, 1] * (u.N / u.m) / (1 * u.kg)) / (u.rad / u.s)
-        assert omega_y == pytest.approx(expected, rel=PRINTED)
 
 
 @pytest.mark.parametrize('k', range(4))

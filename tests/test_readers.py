@@ -41,6 +41,7 @@ FORCES = {  # and R, or None where the file is refused
     'd [mm],Force_x [newton],Force_z [newton]\n' + rows(R, F, F): None,  # which is along the line between the magnets?
     'r / cm;F / N\n' + rows(R / 10, F, sign=';'): R,
     'Abstand in mm;Kraft in N\n' + rows(R, F, sign=';', comma=True): R,
+    'Mittenabstand (mm),weight [gf]\n' + rows(R, F / GF): R,
     'Kraft [N];Abstand [mm]\n' + rows(F, R, sign=';', comma=True): R,
     'Distance\tForce\nmm\tN\n' + rows(R, F, sign='\t'): R,
     'Distance\tForce\n[mm]\t[mN]\n' + rows(R, 1e3 * F, sign='\t'): R,
@@ -105,20 +106,14 @@ def refusal(read, path):
 def test_tables_of_forces(text, coding, tmp_path):
     """Another unit would be seen: factors of units are 2.5 and more."""
     (tmp_path / 'f.csv').write_bytes(text.encode(coding))
-    if FORCES[text] is None:
-        refusal(read_forces, tmp_path / 'f.csv')
+    if FORCES[text] is None:  # nor is it read as anything else
+        for read in (read_forces, read_scan, read_transfer, held):
+            refusal(read, str(tmp_path / 'f.csv'))
         return
     found = read_forces(tmp_path / 'f.csv')
     assert_allclose(found.r, R, rtol=1e-12)
     assert_allclose(found.f, F, rtol=1e-12)
     assert held(str(tmp_path / 'f.csv'))[0] == 'forces'
-
-
-@pytest.mark.parametrize('text', [text for text, r in FORCES.items() if r is None])
-def test_a_table_of_forces_that_is_refused_is_read_as_nothing_else(text, tmp_path):
-    (tmp_path / 'f.csv').write_text(text)
-    for read in (read_forces, read_scan, read_transfer, held):
-        refusal(read, str(tmp_path / 'f.csv'))
 
 
 def test_gaps_need_the_size_of_the_magnets(tmp_path):

@@ -90,7 +90,7 @@ CHOICE = ['no such', 7]
 ATOMS = [lattices.triangular(1.0, 1.0)]  # without a calculator
 NOT_PLANAR = [lattices.chain(1.0, 1.0)]
 LAWS = [4.5, 'x', object()]
-PATH = [4.5, 'GQ', [[NAN, 0, 0]], ['G', 'M']]
+PATH = [4.5, 'GQ', [[NAN, 0, 0]], [[0.5, 0]], ['G', 'M']]
 
 CALLS = {  # a function, its right arguments, and wrong values of each
     'InversePower': (mp.InversePower, {'b': (1.0, POSITIVE), 'a': (4.0, POSITIVE)}),
@@ -101,7 +101,6 @@ CALLS = {  # a function, its right arguments, and wrong values of each
     'Ring': (mp.interactions.Ring, {'outer': (5.0, POSITIVE), 'inner': (2.0, NOT_NEGATIVE), 'height': (3.0, POSITIVE),
                         'remanence': (1.0, POSITIVE)}),
     'Cuboid': (mp.interactions.Cuboid, dict.fromkeys(('length', 'width', 'height', 'remanence'), (3.0, POSITIVE))),
-    'Sphere': (mp.interactions.Sphere, {'diameter': (3.0, POSITIVE), 'remanence': (1.0, POSITIVE)}),
     'Tabulated': (mp.interactions.Tabulated, {'r': ([1.0, 2, 3, 4], COLUMN), 'f': ([4.0, 3, 2, 1], COLUMN)}),
     **{f'lattices.{name}': (getattr(lattices, name), {'spacing': (1.0, POSITIVE), 'mass': (1.0, POSITIVE)})
        for name in ('triangular', 'square', 'chain', 'honeycomb', 'kagome', 'fcc', 'bcc')},
@@ -283,7 +282,7 @@ SITUATIONS = {  # what is wrong, what is asked, and what the answer must show
     'a ring without a wall': (lambda: interactions.Ring(5, 5, 1, 1.0), 'not 5'),
     'a film of another patch': (lambda: plotting.animate('film.gif', patch(), np.ones((2, 35, 2))), '37'),
     'a film of nothing': (lambda: plotting.animate('film.gif', patch(), np.zeros((2, 37, 2))), 'nothing moves'),
-    'a film of no kind': (lambda: plotting.animate('film.avi', patch(), np.ones((2, 37, 2))), '.gif or .mp4'),
+    'a film of no kind': (lambda: plotting.animate('film.avi', patch(), np.ones((2, 37, 2))), '.gif'),
     'a film in no folder': (lambda: plotting.animate('no/film.gif', patch(), np.ones((2, 37, 2))), 'another place'),
     'a mode without motion': (lambda: plotting.animation.mode_frames(np.zeros((3, 2))), 'moves nothing'),
     'sound along nothing': (lambda: mp.stiffness.elastic_moduli(cell()).speeds([0, 0]), 'direction'),

@@ -7,10 +7,9 @@ import pytest
 from motion import DT, patch
 
 from magphonon import DrivenVerlet, analytic_bands, propagate
-from magphonon.bands import lattice_density, zone_map
+from magphonon.bands import lattice_density
 from magphonon.bands.bands import Bands
 from magphonon.bands.density import DensityOfStates
-from magphonon.bands.zone import ZoneMap
 from magphonon.design.sensitivities import StiffnessDerivative
 from magphonon.design.uncertainty import Spread, Tolerances, frequency_spread
 from magphonon.dynamics import Harmonic, Recorder
@@ -43,7 +42,6 @@ def spread(cell):
 
 MADE = {
     Bands: lambda cell: analytic_bands(cell, cell.cell.bandpath('GM', npoints=5, pbc=cell.pbc), vectors=True),
-    ZoneMap: lambda cell: zone_map(cell, 6),
     Modes: lambda cell: modes(patch()),
     FrequencyResponse: lambda cell: response(),
     Transient: lambda cell: propagate(patch(), [1.0, 2.0], [Harmonic([24], (1, 0), 1e-3, 0.5)], particles=[24]),
@@ -75,40 +73,13 @@ def test_every_array_has_a_unit_and_a_name_for_each_axis(kind, prototype, tmp_pa
 
 
 @pytest.mark.parametrize('kind', MADE, ids=lambda kind: kind.__name__)
-def test_in_xarray_every_array_has_its_unit_and_its_numbers(kind, prototype, tmp_path):
-    pytest.importorskip('xarray')
-    made = MADE[kind](prototype)
-    made.save(tmp_path / 'x.npz')
-    arrays, said = told(tmp_path / 'x.npz')
-    found = made.to_xarray()
-    assert set(arrays) <= set(found.variables)
-    for name, array in arrays.items():
-        np.testing.assert_array_equal(found[name].values, array)
-        assert found[name].attrs.get('units', '') == said[name]['unit']
-    if 'omega' in arrays:
-        np.testing.assert_allclose(found.frequencies_Hz.values, 1e3 * arrays['omega'] / (2 * np.pi), rtol=1e-15)
-        assert found.frequencies_Hz.dims == found.omega.dims
-
-
-def test_axes_of_datasets_have_the_numbers_along_them(prototype):
-    pytest.importorskip('xarray')
-    spectrum = MADE[Spectrum](prototype)
-    at = spectrum.to_xarray().power.sel(omega=spectrum.loudest, method='nearest')
-    assert float(at.xi[int(at.values.argmax())]) == spectrum.xi[spectrum.power.max(axis=0).argmax()]
-    bands = MADE[Bands](prototype).to_xarray()
-    assert float(bands.path_rad_per_mm[-1]) == pytest.approx(2 * np.pi / (10 * np.sqrt(3)))  # |M| of the triangular lattice
-
-
-@pytest.mark.parametrize('kind', MADE, ids=lambda kind: kind.__name__)
 def test_a_result_shows_itself_in_a_line_whatever_its_size(kind, prototype):
     made = MADE[kind](prototype)
     line = repr(made)
     assert len(line) < 600
     assert '\n' not in line
     assert line.startswith(f'{kind.__name__}(')
-    html = made._repr_html_() if kind is not Bands else ''
-    assert all(name in line and (not html or f'<td>{name}</td>' in html) for name in made.__dataclass_fields__
-               if getattr(made, name) is not None)
+    assert all(name in line for name in made.__dataclass_fields__ if getattr(made, name) is not None)
 
 
 def test_the_line_names_shape_range_and_unit(prototype):

@@ -4,7 +4,7 @@ A structure is drawn from a kind and a seed; each of its answers is compared wit
 force and derived by Cauchy's formula.  The controls are oracles that mistake its sites for each other: other particles are held,
 other directions guided, other kinds, strengths and springs.
 
-More of them: `python -m pytest -n 0 -m long tests/test_structures_and_questions.py` (some minutes, most of which numba compiles).
+More of them: `python -m pytest -n 0 -m long tests/test_structures_and_questions.py` (some minutes).
 """
 
 from types import SimpleNamespace
@@ -177,14 +177,13 @@ def velocities(drawn, oracle, h=1e-5):
     return known[omega[0] > 0.3 * omega.max()], exact[up > 0.3 * up.max()]
 
 
-def steps(drawn, oracle, engine='ase'):
+def steps(drawn, oracle):
     atoms, u = moved(drawn, drawn.model)
     free = free_basis(drawn.atoms, drawn.dim)
     u = (free @ (free.T @ u.ravel())).reshape(u.shape)
     atoms.positions[:, : drawn.dim] = drawn.x[:, : drawn.dim] + u
-    dyn = DrivenVerlet(atoms, DT, engine=engine)
+    dyn = DrivenVerlet(atoms, DT, engine='ase')
     dyn.run(STEPS)
-    assert dyn.engine == engine
     found = [pair for pair in neighbour_vectors(drawn.atoms, drawn.reach) if (pair[0], pair[2]) < (pair[1], (0, 0, 0))]
     i, j, _, R = (np.array(part) for part in zip(*found, strict=True))
     pairs = oracle.pairs()
@@ -196,29 +195,19 @@ def steps(drawn, oracle, engine='ase'):
                                      model=drawn.model, drive=lambda t: -static, velocities=0 * u, displacements=u)[0]
 
 
-def compiled_steps(drawn, oracle):
-    return steps(drawn, oracle, 'compiled')
-
-
 QUESTIONS = {  # and its tolerance, by the largest entry: round-off, or what is said
     energy: 1e-11, forces: 1e-11, stiffness: 1e-11, bands: 1e-11, shapes: 1e-11,
     velocities: 1e-6,  # differences over 1e-5 of the zone; the two sides of a crossing
-    steps: 1e-9, compiled_steps: 1e-9,  # positions are rounded in each step
+    steps: 1e-9,  # positions are rounded in each step
 }
 KINDS = 'walls', 'sites', 'layer', 'everything'
-
-
-def asked(question, drawn):
-    """Whether the question has an answer."""
-    atoms, planar = drawn.atoms, drawn.dim == 2
-    return {velocities: atoms.pbc.any() and planar, compiled_steps: planar}.get(question, True)
 
 
 def compare(question, kind, seeds):
     """Each answer, and whether every mistake is noticed in one of the structures at least: some have all sites alike."""
     noticed, tolerance = {}, QUESTIONS[question]
     for drawn in (Drawn(kind, seed) for seed in seeds):
-        if not asked(question, drawn):
+        if question is velocities and not (drawn.atoms.pbc.any() and drawn.dim == 2):
             continue
         found, exact = question(drawn, drawn)
         assert found.shape == exact.shape
@@ -235,16 +224,11 @@ def apart(found, exact):
 
 
 @pytest.mark.parametrize('kind', KINDS)
-@pytest.mark.parametrize('question', [question for question in QUESTIONS if question is not compiled_steps])
+@pytest.mark.parametrize('question', QUESTIONS)
 def test_answers_are_those_of_single_pairs(question, kind):
     noticed = compare(question, kind, range(4))
     assert all(noticed.values()), noticed
     assert noticed or kind == 'layer'
-
-
-@pytest.mark.slow
-def test_compiled_steps_of_sites_of_their_own():
-    assert compare(compiled_steps, 'sites', [1])
 
 
 @pytest.mark.long

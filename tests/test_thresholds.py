@@ -4,7 +4,6 @@ Spacing, mass and static force are 1 (mm, g, N), so that stiffness is in units o
 the growth of a run; growth is compared with the imaginary frequency.
 """
 
-from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, critical_fo
 from magphonon.bands import force_constants
 from magphonon.bands.bloch import bloch_modes
 from magphonon.bands.force_constants import finite_displacements, phonopy_bands
-from magphonon.errors import Diverged
 from magphonon.interactions import Yukawa
 
 pytestmark = pytest.mark.filterwarnings('ignore:a damping of')  # on both sides of every threshold
@@ -53,11 +51,11 @@ def logarithms(atoms, dt, steps, damping=0.0, start=None):
     return np.log(np.array(size) / size[0])
 
 
-def growth(atoms, rate, dt=0.1):
+def growth(atoms, rate, dt=0.2):
     """Rate over the last two fifths of a run in which the fastest mode, if it has the `rate`, grows by e^15 and is alone."""
     steps = round(15 / rate / dt)
     log = logarithms(atoms, dt, steps)
-    return (log[5] - log[3]) / (2 * (steps // 5) * dt), log.max()
+    return 2 / dt * np.sinh((log[5] - log[3]) / (2 * (steps // 5)) / 2), log.max()  # of the equation, not of Verlet's steps
 
 
 # Amplitudes of random starts beat; they do not pass this factor without growth.
@@ -75,7 +73,7 @@ def test_triangular_holds_itself_above_a_of_3(a, stable):
     if stable:
         assert largest < BOUNDED
     else:
-        assert rate == pytest.approx(expected, rel=1e-4)  # Verlet's own rate is (rate dt)^2/24 = 1e-5 off
+        assert rate == pytest.approx(expected, rel=1e-4)
     # the control: without D* there is nothing to see
     assert growth(cell_of('triangular', law, model='conventional', repeat=(2, 1, 1)), expected)[1] < BOUNDED
 
@@ -130,7 +128,7 @@ def test_oscillator_at_a_right_angle_grows_as_its_imaginary_frequency(engine, pa
 
 # --- the time step ---------------------------------------------------------------------------------------------------
 
-@pytest.mark.parametrize('zeta', few_first([0.0, 0.1, 1.0, 5.0], 2))
+@pytest.mark.parametrize('zeta', few_first([0.1, 0.0, 1.0, 5.0], 1))
 @pytest.mark.parametrize(('model', 'k'), [('complete', 0.0), ('conventional', 0.0), ('complete', 3.0)])
 def test_verlet_with_exact_damping_is_stable_up_to_omega_dt_of_2(model, k, zeta):
     # The top of the triangular bands is at M: (6a - 2) f/L0 with D*, 6a without; + k on a foundation.
@@ -148,24 +146,6 @@ def test_verlet_with_exact_damping_is_stable_up_to_omega_dt_of_2(model, k, zeta)
     expected = np.log(abs(np.roots([1, -trace, det])).max())
     over = log(2.001)
     assert (over[5] - over[3]) / 100 == pytest.approx(expected, rel=1e-3)  # where the smaller root has faded
-
-
-@pytest.mark.filterwarnings('ignore:a damping of')
-@pytest.mark.parametrize(('gamma_dt', 'stable'), [(3.99, True), (4.01, False)])
-def test_explicit_damping_fails_where_the_exact_one_does_not(gamma_dt, stable):
-    # -c v in the force multiplies the velocity by (1 - gamma dt/2)^2 in each step, whatever omega is; its half is the factor
-    # that the determinant of the step allows: gamma dt < 4
-    from workflows.stability import ExplicitDamping
-
-    atoms = cell_of('triangular', InversePower(1.0, 4.0), repeat=(2, 1, 1))
-    dt = 0.4 / np.sqrt(22.0)  # omega_max dt = 0.4: at gamma dt = 4 zeta is 5
-    atoms.positions[0, 0] += 1e-6
-    dyn = ExplicitDamping(atoms, dt, damping=gamma_dt / dt)
-    with nullcontext() if stable else pytest.raises(Diverged):
-        dyn.run(1000)
-    assert (abs(atoms.calc.displacements(atoms)).max() < 1e-5) == stable
-    exact = logarithms(cell_of('triangular', InversePower(1.0, 4.0), repeat=(2, 1, 1)), dt, 1000, damping=gamma_dt / dt)
-    assert exact.max() < BOUNDED
 
 
 # --- at rest ---------------------------------------------------------------------------------------------------------
@@ -254,10 +234,3 @@ def test_waves_that_cost_nothing_without_a_foundation_are_the_verge(a, stable, g
 def shear_at_m(phonon, cell):
     omega = phonopy_bands(phonon, cell.cell.bandpath('M', npoints=1, pbc=cell.pbc)).omega[0, 0]
     return omega * abs(omega)
-
-
-@pytest.mark.parametrize(('d', 'fine'), [(1e-8, True), (1e-12, False)])
-def test_too_small_a_displacement_is_spoiled_by_round_off(d, fine):
-    # forces of 1 N round at 1e-16, several of which add to the stiffness: 1e-15/d or less
-    cell = cell_of('triangular', InversePower(1.0, 4.0))
-    assert (abs(shear_at_m(finite_displacements(cell, distance=d), cell) - 2) < 1e-6) == fine

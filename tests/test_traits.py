@@ -138,7 +138,6 @@ CELLS = {
     'sound_speeds': mp.bands.sound_speeds,
     'lattice_density': lambda a: bands.lattice_density(a, steps=6),
     'band_ranges': lambda a: bands.density.band_ranges(a, 6),
-    'zone_map': lambda a: bands.zone_map(a, 6).omega,
     'complex_bands': lambda a: abs(mp.bands.complex_bands(a, (0, 1, 0), [9.5]).xi[:, :2]),
     'neighbour_shifts': lambda a: bands.neighbour_shifts(a, Q),
     'converged_shells': lambda a: bands.converged_shells(a, Q, 1e-3),

@@ -83,8 +83,8 @@ def line_scan(lab, vectors, source, force, carrier_Hz, duration, rng, cycles=5, 
 
 def scene_text(shells):
     """The scene of the laboratory's lattice before the measurement: force, exponent and springs are about ten percent off."""
-    return (f'title = "bench"\n[lattice]\nkind = "triangular"\nspacing_m = {SPACING}\nmass_kg = 8e-4\n[law]\n'
-            f'kind = "inverse_power"\nforce_N = 0.26\na = 4.0\nshells = {shells}\n[foundation]\nstiffness_N_per_m = 23.0\n')
+    return (f'title = "bench"\n[law]\nkind = "inverse_power"\nb_N_m_a = {0.26 * SPACING**4}\na = 4.0\nshells = {shells}\n'
+            f'[lattice]\nkind = "triangular"\nspacing_m = {SPACING}\nmass_kg = 8e-4\n[foundation]\nstiffness_N_per_m = 23.0\n')
 
 
 def ridges():

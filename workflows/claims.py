@@ -78,7 +78,7 @@ def never_hardens():
         return np.linalg.eigvalsh(complete - D0).max() / abs(D0).max()
 
     what = f'largest eigenvalue of D*(k) / largest entry of D0(k), {DRAWN} drawn cells'
-    repulsive = [largest(InversePower(1.0, rng.uniform(0.5, 8)), rng) for rng in map(np.random.default_rng, range(DRAWN))]
+    repulsive = [largest(InversePower(1e-3, rng.uniform(0.5, 8)), rng) for rng in map(np.random.default_rng, range(DRAWN))]
     pulling = [largest(Spring(1.0, 0.1), rng) for rng in map(np.random.default_rng, range(DRAWN))]
     return [Check(f'{what}, repulsive laws', max(0, *repulsive), 0, 1e-12),
             Check(f'control: {what}, for springs that pull (smallest value)', min(pulling), 0, 1e-3, control='springs that pull')]

@@ -5,12 +5,12 @@ from ase.constraints import FixAtoms
 from scipy.optimize import brentq
 
 from magphonon import (
-    DrivenVerlet,
     InversePower,
     MagneticRepulsion,
     ToneBurst,
     analytic_bands,
     lattices,
+    propagate,
     read_scene,
     units,
     verdict,
@@ -116,9 +116,9 @@ def sent(patch, omega, model):
     place = patch.positions[:, :2] - patch.positions[:, :2].mean(axis=0)
     free = np.flatnonzero(LinearSystem.of(patch, 'gyration').mobile)
     source = free[np.argmin(abs(place[free, 0]) + 10 * place[free, 1])]
-    run = DrivenVerlet(patch, 0.06, [ToneBurst(source, (0, 1), FORCE, omega, cycles=CYCLES)])
-    run.run(round(CYCLES * 2 * np.pi / omega / run.dt))
-    u, v = run.displacements, run.velocities
+    drive = ToneBurst(source, (0, 1), FORCE, omega, cycles=CYCLES)
+    end = propagate(patch, [drive.end], [drive], tolerance=1e-6)
+    u, v = end.displacements[0], end.velocities[0]
     H = patch.calc.rest_hessian(model)
     return place, source, ((v**2).sum(axis=1) + (u * (H @ u.ravel()).reshape(u.shape)).sum(axis=1)) / 2
 

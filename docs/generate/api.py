@@ -120,7 +120,7 @@ API
 ===
 
 Scripts import what they need from ``magphonon``; every other name is imported from its own package, such as
-``magphonon.bands.zone_map``.  Names are loaded when they are first used, so that ``import magphonon`` takes a moment only.
+``magphonon.bands.band_gaps``.  Names are loaded when they are first used, so that ``import magphonon`` takes a moment only.
 Lengths, masses and times are in mm, g and ms: see :doc:`/reference/units`.
 
 .. toctree::

@@ -72,13 +72,14 @@ omega, velocity = group_velocities(cell, q)
 print('magphonon', u.hertz(omega[0]).round(4), 'Hz,', np.linalg.norm(velocity[0], axis=1).round(4), 'm/s')
 
 # %%
-# Thermal properties are the exception: phonopy would multiply its frequencies by Planck's constant as if they were THz.  Use
-# ``thermal_properties`` of this package instead.  At room temperature each of the two modes has the heat capacity k (Boltzmann's
-# constant).
+# Thermal properties are the exception: phonopy multiplies its frequencies by Planck's constant as if they were THz, so it must
+# get them in THz.  The cutoff leaves out the motion along z.  At room temperature each of the two modes has the heat capacity k
+# (Boltzmann's constant).
 
-from magphonon.bands import thermal_properties
-
-warm = thermal_properties(phonon, [300.0], [8, 8, 1])
+phonon.unit_conversion_factor *= 1e-12
+phonon.run_mesh([8, 8, 1], is_gamma_center=True)
+warm = phonon.run_thermal_properties(temperatures=[300.0], cutoff_frequency=1e-14)
+phonon.unit_conversion_factor *= 1e12
 print(f'heat capacity: {warm.heat_capacity[0]:.4f} J/K/mol; 2 R is {2 * 8.314462618:.4f}')
 
 # %%

@@ -34,7 +34,7 @@ mass_kg = 7e-4
 
 [law]
 kind = "inverse_power"
-force_N = {force}
+b_N_m_a = {b}
 a = {a}
 shells = 3
 
@@ -60,8 +60,9 @@ direction_deg = 0.0
 folder = Path(tempfile.mkdtemp())
 
 
-def scene_of(name, **values):
-    (folder / name).write_text(text.format(**values), encoding='utf-8')
+def scene_of(name, force, a, **values):
+    b = force * 0.01**a
+    (folder / name).write_text(text.format(b=b, a=a, **values), encoding='utf-8')
     return read_scene(folder / name)
 
 

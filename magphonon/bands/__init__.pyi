@@ -17,9 +17,7 @@ from .force_constants import (
 )
 from .neighbours import converged_shells as converged_shells, neighbour_shifts as neighbour_shifts
 from .phonopy_files import (
-    thermal_properties as thermal_properties,
     write_band_yaml as write_band_yaml,
     write_phonopy_params as write_phonopy_params,
 )
 from .topology import chern_numbers as chern_numbers, edge_flow as edge_flow
-from .zone import frequency_ratio as frequency_ratio, zone_map as zone_map

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from io import BytesIO
 from itertools import permutations
 from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -28,7 +27,6 @@ from .bloch import bloch_modes, damped_modes, in_batches, wavevectors
 if TYPE_CHECKING:
     from ase.spectrum.band_structure import BandStructure
     from matplotlib.axes import Axes
-    from xarray import Dataset
 
     from ..stiffness.matrices import Model
 
@@ -119,23 +117,6 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
         axes.
         """
         return self.to_ase().plot(ax, **options)  # pyright: ignore[reportReturnType]
-
-    def _repr_png_(self) -> bytes:
-        from matplotlib.figure import Figure
-
-        figure, picture = Figure(figsize=(4.5, 3.2), layout='constrained'), BytesIO()
-        self.plot(figure.add_subplot())
-        figure.savefig(picture, dpi=120)
-        return picture.getvalue()
-
-    _repr_html_ = None  # pyright: ignore[reportAssignmentType]  a notebook would show no picture
-
-    def to_xarray(self) -> Dataset:
-        """Convert to an `xarray.Dataset` with the distance along the path:
-        `to_xarray().frequencies_Hz.plot.line(x='path_rad_per_mm')`.
-        """
-        distance = self.path.get_linear_kpoint_axis()[0]
-        return super().to_xarray().assign_coords(path_rad_per_mm=('wavevectors', distance, {'units': 'rad/mm'}))
 
     def _arrays(self) -> dict[str, Any]:
         special = self.path.special_points

@@ -1,14 +1,18 @@
-"""Squared frequencies and modes at any wavevectors, from the Bloch matrix (Eq. 18)."""
+"""Squared frequencies and modes at any wavevectors, from the Bloch matrix (Eq. 18); the first Brillouin zone."""
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
 from ase import Atoms
+from ase.cell import Cell
+from ase.geometry import minkowski_reduce
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.linalg import eigh
+from scipy.spatial import Voronoi
 from tqdm import tqdm
 
 from ..errors import finite, whole
@@ -18,6 +22,7 @@ from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes
 
+PLANAR = (True, True, False)
 BATCH_BYTES = 2**22
 """Size in bytes of the largest array of the wavevectors that are treated at a time.  A large zone then need not fit in memory,
 and arrays that fit in the processor's cache take two thirds of the time (measured with a mesh of the honeycomb)."""
@@ -180,6 +185,35 @@ def _lowest_by_inverse(system, q, model, count, vectors):
         D = sparse.csr_array(S.T @ hessian(calc.bonds, K, calc.foundation, at) @ S)
         squares, columns = lowest_eigenpairs(D, count, squares)
         yield squares[None], (system.free @ columns)[None] if vectors else None
+
+
+def first_zone(cell: ArrayLike) -> NDArray[np.float64]:
+    """Corners of the first Brillouin zone, the Wigner-Seitz cell of the reciprocal lattice.
+
+    Parameters
+    ----------
+    cell : array_like, shape (3, 3)
+        Lattice vectors in rows, mm; the first two are those of the planar lattice.
+
+    Returns
+    -------
+    ndarray, shape (corners, 2)
+        Anticlockwise, in rad/mm.
+
+    Examples
+    --------
+    >>> from magphonon import lattices
+    >>> from magphonon.bands.bloch import first_zone
+    >>> first_zone(lattices.triangular(1.0, 1.0).cell).shape  # six corners
+    (6, 2)
+    """
+    b = 2 * np.pi * Cell(np.asarray(cell, dtype=float)).reciprocal().array
+    reduced = minkowski_reduce(b, pbc=PLANAR)[0]  # pyright: ignore[reportArgumentType]  three pbc
+    b = np.asarray(reduced)[:2, :2]  # of a reduced basis the eight nearest G bound the zone
+    G = np.array(list(product((0, 1, -1), repeat=2))) @ b
+    diagram = Voronoi(G)
+    corners = diagram.vertices[diagram.regions[diagram.point_region[0]]]
+    return corners[np.argsort(np.arctan2(corners[:, 1], corners[:, 0]))]
 
 
 def wavevectors(q: ArrayLike) -> NDArray[np.float64]:

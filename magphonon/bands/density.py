@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import permutations, product
-from typing import TYPE_CHECKING
 
 import numpy as np
 from ase import Atoms
@@ -29,9 +28,6 @@ from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes
 from .bloch import bloch_modes
-
-if TYPE_CHECKING:
-    from ase.spectrum.dosdata import GridDOSData
 
 POINTS = 400  # number of frequencies where the caller gives none
 STEPS = {1: 1998, 2: 180, 3: 30}
@@ -74,21 +70,6 @@ class DensityOfStates(InHertz, Saved, kind='densities of states', units={
     modes: float
     width: np.ndarray
     error: np.ndarray
-
-    def to_ase(self) -> GridDOSData:
-        """Convert to an `ase.spectrum.dosdata.GridDOSData`: modes per Hz over frequencies in Hz.
-
-        ASE accepts equal steps only. A density at unequal frequencies is therefore averaged over the same number of equal steps,
-        which keeps the number of modes.
-        """
-        from ase.spectrum.dosdata import GridDOSData  # imports matplotlib
-
-        f, density = self.frequencies_Hz, self.per_Hz * self.modes
-        equal, step = np.linspace(f[0], f[-1], len(f), retstep=True)
-        if not np.allclose(f, equal):
-            below = np.append(0.0, np.cumsum(np.diff(f) * (density[1:] + density[:-1]) / 2))
-            density = np.diff(np.interp(np.append(equal, equal[-1] + step) - step / 2, f, below)) / step
-        return GridDOSData(equal, density, {'label': 'modes per Hz'})
 
     @property
     def per_Hz(self) -> NDArray[np.float64]:

@@ -66,8 +66,8 @@ def finite_displacements(atoms: Atoms, supercell: ArrayLike | None = None, dista
     Particles held by FixAtoms are hidden from phonopy: its cell contains only the free ones, in the same order. The row sums of
     the force constants then contain the foundation and the springs to the held particles.
 
-    Where phonopy multiplies by Planck's constant, it assumes that frequencies are in THz: use `thermal_properties` instead. Its
-    own `save` does not keep the unit of frequency: use `write_phonopy_params` instead.
+    Where phonopy multiplies by Planck's constant, it assumes that frequencies are in THz: multiply `unit_conversion_factor` by
+    1e-12 before. Its own `save` does not keep the unit of frequency: use `write_phonopy_params` instead.
 
     Parameters
     ----------

@@ -1,26 +1,21 @@
-"""Files of bands and force constants for phonopy and related programs, and thermal properties by phonopy.
+"""Files of bands and force constants for phonopy and related programs.
 
 Files are in mm and N. Masses are scaled (1 g is written as `GRAM` of `stiffness.other_tools`), so that the numbers that phonopy
-prints as THz are in Hz. Where phonopy multiplies a frequency by Planck's constant, it assumes THz. Heat
-capacities, free energies and mean square displacements would then, without a warning, be those of frequencies 10^12 times too
-high, so for these the frequencies are converted.
+prints as THz are in Hz. Where phonopy multiplies a frequency by Planck's constant, it assumes THz: heat capacities, free energies
+and mean square displacements are then, without a warning, those of frequencies 10^12 times too high.
 """
 
 from __future__ import annotations
 
 import re
-import warnings
-from collections.abc import Sequence
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase.dft.kpoints import BandPath, parse_path_string
-from numpy.typing import ArrayLike
 
-from ..errors import Unstable, finite
 from ..files import refuse_overflow, whole_file
 from ..stiffness.other_tools import GRAM
 from .force_constants import TO_HZ, force_constants_of, path_on
@@ -28,61 +23,8 @@ from .force_constants import TO_HZ, force_constants_of, path_on
 if TYPE_CHECKING:
     from phonopy import Phonopy
 
-ZERO_FRACTION = 1e-6  # of the highest frequency: below is the square root of a rounded eigenvalue
 KEY = re.compile(r'[ -]*(\w+):')
 DECIMALS = re.compile(r'-?\d+\.\d{6,}')  # a number as phonopy writes it, with decimals enough for Angstrom, u and eV
-
-
-def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[int]) -> Any:
-    """Heat capacity, entropy and free energy of the lattice's harmonic modes, by phonopy.
-
-    Modes of zero frequency do not count, such as those along z of a planar lattice: round-off would turn some of them into very
-    soft oscillators, each with the heat capacity k.
-
-    Parameters
-    ----------
-    phonon : phonopy.Phonopy
-        From `finite_displacements`, or from `phonopy.load` of what `write_phonopy_params` wrote.
-    temperatures : array_like
-        In K.
-    mesh : three ints
-        Number of wavevectors along each reciprocal vector, starting at Gamma; 1 along directions that are not periodic.
-
-    Returns
-    -------
-    phonopy.phonon.thermal_properties.ThermalProperties
-        With the arrays `temperatures` (K), `heat_capacity` and `entropy` (J/K per mole of cells), `free_energy` (kJ per
-        mole of cells).
-
-    Raises
-    ------
-    ValueError
-        If the lattice has unstable modes, so that it has no equilibrium.
-
-    Examples
-    --------
-    >>> from magphonon import finite_displacements, read_scene
-    >>> from magphonon.scenes import ready_scene
-    >>> from magphonon.bands import thermal_properties
-    >>> phonon = finite_displacements(read_scene(ready_scene('prototype')).atoms())
-    >>> warm = thermal_properties(phonon, [300.0], [4, 4, 1])
-    >>> round(float(warm.heat_capacity[0] / 8.314462618), 3)  # k for each of two modes
-    2.0
-    """
-    force_constants_of(phonon)  # raises an error if there are none
-    crystal = phonon.replicate()
-    crystal.force_constants = phonon.force_constants
-    crystal.unit_conversion_factor = 1e-12 * phonon.unit_conversion_factor  # Hz to THz
-    frequencies = crystal.run_mesh(np.asarray(mesh), is_gamma_center=True).frequencies
-    zero = ZERO_FRACTION * abs(frequencies).max()
-    if frequencies.min() < -zero:
-        raise Unstable(f'the lattice is unstable, with frequencies down to {frequencies.min() * 1e12:.4g} Hz on this mesh: '
-                         'it has no thermal equilibrium; hold it with a foundation')
-    with warnings.catch_warnings():
-        # phonopy warns of modes at Gamma that are slow beside 1 THz, or far from zero; on a foundation they are oscillators like
-        # all others, and to symmetrise, as it advises, would erase them
-        warnings.filterwarnings('ignore', message=r'(\d+|The) acoustic')
-        return crystal.run_thermal_properties(temperatures=finite('temperatures', temperatures).ravel(), cutoff_frequency=zero)
 
 
 def write_band_yaml(phonon: Phonopy, path: BandPath, file: str | PathLike[str]) -> None:

@@ -10,18 +10,17 @@ import numpy as np
 
 from .. import units
 from ..bands.bands import Bands, cut_off, points_on, sound_speeds
-from ..bands.bloch import bloch_modes
+from ..bands.bloch import PLANAR, bloch_modes
 from ..bands.density import band_gaps
 from ..bands.force_constants import foundation_recovered
 from ..bands.topology import chern_numbers
-from ..bands.zone import PLANAR
 from ..interactions.pair_laws import repulsion
 from ..scenes.laws import ALL
 from ..stability.buckling import common_spring, common_support, critical_foundation, on_the_verge
 from ..stability.verdicts import verdict
 from ..stiffness.elastic import elastic_moduli
 from ..stiffness.rest import freedom
-from .neighbours import omission, too_few
+from .neighbours import chosen, omission, too_few
 
 if TYPE_CHECKING:
     from phonopy import Phonopy
@@ -47,7 +46,7 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
     """
     gyrates = atoms.calc.turning > 0
     stability, buckles = _stability(atoms)
-    page = [_effect(bands) + ('' if buckles else f' {stability}')]
+    page = [_effect(bands) + chosen(scene) + ('' if buckles else f' {stability}')]
     page += ['These are the bands of the perfect lattice; "magphonon modes" includes [defects].'] if scene.defects else []
     if verbose:
         page += _lattice(scene, atoms)

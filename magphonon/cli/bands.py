@@ -104,7 +104,7 @@ def _save(folder, bands, phonon):
 
 
 def _draw(save, scene, bands, spread):
-    from ..bands.zone import PLANAR
+    from ..bands.bloch import PLANAR
     from ..plotting.bands import name_branches, plot_bands
     from ..plotting.response import plot_band_ribbons
     from ..plotting.zone import plot_zone

@@ -12,7 +12,7 @@ import numpy as np
 from .. import units
 from .arguments import add_scene, add_verbose
 
-HELP = 'is the structure stable, what must its supports hold, up to which amplitude is it linear?'
+HELP = 'is the structure stable, how far from collapse, what must its supports hold, up to which amplitude is it linear?'
 JUDGED = 20_000
 """Largest number of particles of a patch that gets a verdict of its own.  This takes about ten seconds at this size, and the time
 grows with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""
@@ -74,16 +74,21 @@ def _in_short(scene, verdicts):
         return f'{scene.title}: {len(faults)} problem(s)'
     judged = next(iter(verdicts.values()))
     said = [judged.finding('buckling').words]
-    if (supports := judged['supports']) is not None and supports.central:
-        needed = units.in_words('N/m', max(filter(None, supports)) / (units.N / units.m))
-        pillar = scene.foundation and scene.foundation.pillar
-        own = f' (a pillar has {units.in_words("N/m", pillar.along_N_per_m)})' if pillar else ''
-        said.append(f'This assumes that it stays in its plane: each support must be stiffer than {needed} along z{own}.')
-    elif across := judged.finding('supports').words:
-        said.append(across)
+    if (rigidity := judged['rigidity']) and rigidity.reserve:
+        said.append(f'{rigidity.reserve}.')
+    said += _across(judged, scene.foundation and scene.foundation.pillar)
     if (amplitude := judged['amplitude']) is not None and np.isfinite(amplitude):
         said.append(f'Linear to 1 % up to an amplitude of {units.in_words("m", amplitude / units.m, digits=2)}.')
     return ' '.join(said)
+
+
+def _across(judged, pillar):
+    """Which stiffness its supports need along z, and which a pillar has."""
+    if (supports := judged['supports']) is None or not supports.central:
+        return list(filter(None, [judged.finding('supports').words]))
+    needed = units.in_words('N/m', max(filter(None, supports)) / (units.N / units.m))
+    own = f' (a pillar has {units.in_words("N/m", pillar.along_N_per_m)})' if pillar else ''
+    return [f'This assumes that it stays in its plane: each support must be stiffer than {needed} along z{own}.']
 
 
 def _guide(scene, atoms):

@@ -116,7 +116,7 @@ def _template(text, scene, atoms):
     if len(masses) > 1:
         tables['lattice']['relative_masses'] = (masses / masses[0]).tolist()
     if scene.law.kind == 'inverse_power':
-        tables['law'] = {'kind': 'inverse_power', 'force_N': '{force_N}', 'a': '{exponent}'}
+        tables['law'] = {'kind': 'inverse_power', 'b_N_m_a': '{b_N_m_a}', 'a': '{exponent}'}
     tables['law']['shells'] = scene.law.shells
     tables['foundation'] = {'stiffness_N_per_m': '{foundation_N_per_m}'}
     return toml(tables)

@@ -21,10 +21,8 @@ from __future__ import annotations
 import os
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +43,6 @@ KINDS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('wav
 """The kinds of records that a file may hold, and the function that reads each."""
 OWN = re.compile(r'(?ms)^\[(law|uncertainty)[].].*?(?=^(#[^\n]*\n)*\[(?!(law|uncertainty)[].])|\Z)')
 """The tables [law] and [uncertainty] in the text of a scene, without comments on the next table."""
-SAME = 1e-9  # relative difference of numbers that were only written in other units
 ERRORS = {'distance': length, 'zero': force, 'hysteresis': force, 'backlash': length, 'gain': share, 'pair': share}
 """Errors that --sigma names, and the function that reads the value of each."""
 
@@ -104,7 +101,6 @@ def run(options: Namespace) -> None:
         for name in options.files:
             print(*_understood(ready_table(name), options.contact or 0.0), sep='\n')
         return
-    _refuse_copies(options.files)
     first = options.files[0]
     if options.frf is None and options.scene is None and (first.endswith('.toml') or first in _ready(first)):
         _recognise(options)
@@ -122,18 +118,6 @@ def _ready(name):
     from ..scenes.sources import ready_scenes
 
     return () if os.path.lexists(name) else ready_scenes()
-
-
-def _refuse_copies(names):
-    """Raise ValueError if two files hold the same numbers, in whatever format, units or order."""
-    known = []
-    for name in names if len(names) > 1 else ():
-        with suppress(ValueError, OSError):  # which the fit will report
-            known.append((name, np.sort(np.concatenate([*_columns(*held(ready_table(name))).values()]))))
-    for (first, one), (name, other) in combinations(known, 2):
-        if one.shape == other.shape and np.allclose(one, other, SAME, 0.0, equal_nan=True):
-            raise ValueError(f'{first} and {name} hold the same numbers, whose noise would count as independent; give only one '
-                             'of them')
 
 
 def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
@@ -219,9 +203,21 @@ def _refuse(options, flags, why):
             raise ValueError(f'--{flag} belongs to {why}')
 
 
+def _forces(file, contact):
+    """The table of forces in a file; ValueError for any other record, whose fit needs a scene."""
+    from ..interactions.force_tables import read_forces
+
+    try:
+        kind, forces = held(file, contact)
+    except ValueError:
+        return read_forces(file, contact)  # which says what a table of forces lacks
+    if kind != 'forces':
+        raise ValueError(f'{file} holds {kind}; name the scene of their lattice first: magphonon fit SCENE.toml {file}')
+    return forces
+
+
 def _fit_forces(options):
     from ..interactions.fits import SharedErrors, fit_forces, scene_entry
-    from ..interactions.force_tables import read_forces
     from ..scenes.scene import read_scene
     from .fit_report import force_report, too_wide
     from .results import results
@@ -235,7 +231,7 @@ def _fit_forces(options):
     if options.output is None and options.style is not None:
         raise ValueError('--style applies to the picture; say with -o DIR where to write it')
     shared = SharedErrors(**dict(options.sigmas))
-    forces = read_forces(file, not_negative('--contact', options.contact or 0.0, 'mm'))  # its messages name the file
+    forces = _forces(file, not_negative('--contact', options.contact or 0.0, 'mm'))  # its messages name the file
     spacing = forces.middle if options.spacing is None else positive('--spacing', options.spacing, 'mm')
     try:
         fit = fit_forces(forces, spacing, shared, options.magnet and read_scene(options.magnet).law.potential())
@@ -243,9 +239,7 @@ def _fit_forces(options):
         raise ValueError(f'{file}: {error}') from None
     entry, said = scene_entry(fit), force_report(file, options.magnet, forces, fit, shared, options.verbose)
     if (options.output or '').endswith('.toml'):
-        if wide := too_wide(forces, fit):
-            raise ValueError(f'{file}: {wide[0]}')
-        _write_scene(options, entry)
+        _write_scene(options, entry, too_wide(fit))
         print(said, f'{options.output} is the scene with this law', sep='\n')
         return
     if options.output is not None:
@@ -260,8 +254,8 @@ def _fit_forces(options):
         print(f'\nthe picture and the entry are in {options.output}')
 
 
-def _write_scene(options, entry):
-    """Write the scene that was named first with an entry in place of its tables [law] and [uncertainty]."""
+def _write_scene(options, entry, wide):
+    """Write the scene that was named first with an entry in place of its [law] and [uncertainty], unless it is too `wide`."""
     from ..scenes.scene import read_scene
     from .results import refuse_existing
 
@@ -269,6 +263,8 @@ def _write_scene(options, entry):
     if first is None:
         raise ValueError(f'-o {file} is a scene with the fitted law; name first the scene that it is made of: magphonon fit '
                          f'SCENE.toml {options.files[0]} -o {file}')
+    if wide:
+        raise ValueError(f'{options.files[0]}: {wide[0]}')
     refuse_existing(options, [file])
     if not (tables := OWN.search(first.text)):
         raise ValueError(f'{first} has no line [law], below which its law stands; write its law as such a table')

@@ -15,7 +15,7 @@ from ..design.least_squares import DETERMINED, FITS, NORMAL
 from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, Fit, SharedErrors
 from ..interactions.pair_laws import local_exponent
 from ..scenes.band_fits import ALL, KEYS, NEAREST, TELLS, BandFits
-from ..scenes.frf_fits import UNITS, FrfFits, missing_magnet
+from ..scenes.frf_fits import UNITS, FrfFits, missing_magnet, value_of
 from ..scenes.scene import Scene, toml
 from ..scenes.tolerances import LARGEST_TOLERANCE
 from ..tables import in_columns
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 FEW, MANY = 10, 4  # with fewer than FEW points, MANY parameters may be wrong by one misread ridge without any sign of it
 TOO_SMALL = 0.5  # root of chi2 per degree of freedom below which the uncertainties look too large
+TOLD_ZERO = 0.01  # share of the force at the spacing above which the zero that was found is reported
 SURE = 0.8  # probability of a drift above which it is reported
 STANDS_OUT = 2.0  # ratio of the distance of the worst ridge from its branch to that of the others, from which it is named
 UNLIKE = 3.0  # the ratio of springs along x and y is reported if it misses the fitted one by these sigmas
@@ -46,22 +47,16 @@ def force_report(file: str, magnet: str | None, forces: Forces, fit: Fit, shared
         lines += [f'Its slope df/dr is {fit.slope / (u.N / u.m):.4g} N/m ({low:.4g} to {high:.4g}).', '',
                   f'{file}: {len(r)} forces from {r.min() / u.m:g} to {r.max() / u.m:g} m, {stated} uncertainties', '',
                   *_assumptions(magnet, forces, fit, shared)]
-    return '\n'.join([*lines, *_doubts_of_forces(forces, fit), *too_wide(forces, fit)])
+    return '\n'.join([*lines, *_doubts_of_forces(forces, fit), *_zeros(fit), *too_wide(fit)])
 
 
-def too_wide(forces: Forces, fit: Fit) -> list[str]:
+def too_wide(fit: Fit) -> list[str]:
     """A line with what to measure, if the force is known less well than [uncertainty] of a scene may say."""
-    factor = fit.wide / NORMAL  # of Student's distribution, by which the intervals grow where the noise is learned from few rows
-    if (sigma := factor * np.sqrt(fit.covariance[0, 0])) <= LARGEST_TOLERANCE:
+    if (sigma := np.sqrt(fit.covariance[0, 0])) <= LARGEST_TOLERANCE:
         return []
-    if factor > 2:
-        why = (f'{len(forces.r)} rows are too few to learn their noise, which widens the intervals by a factor of {factor:.2g}. '
-               'Measure at least two more, or give the standard uncertainty of each force in a column sigma_N.')
-    else:
-        why = (f'most of it comes from: {max(fit.shares, key=lambda cause: fit.shares[cause])}. Measure more rows around the '
-               'spacing, or say with --sigma what is known better.')
-    return [f'The force has a standard deviation of {100 * sigma:.0f} %, and a scene takes at most '
-            f'{100 * LARGEST_TOLERANCE:g} %: {why}']
+    return [f'The force has a standard deviation of {100 * sigma:.0f} %, and a scene takes at most {100 * LARGEST_TOLERANCE:g} '
+            f'%: most of it comes from: {max(fit.shares, key=lambda cause: fit.shares[cause])}. Measure more rows around the '
+            'spacing, or say with --sigma what is known better.']
 
 
 def _assumptions(magnet, forces, fit, shared):
@@ -93,7 +88,7 @@ def _assumptions(magnet, forces, fit, shared):
 
 
 def _doubts_of_forces(forces, fit):
-    """Warnings that rows are saturated, drift, are few, scatter, or contradict what is known of the errors that they share."""
+    """Warnings that rows are saturated, drift, are few, or scatter."""
     top, n = forces.saturated, len(forces.r)
     if top.any():
         r = forces.r[top] / u.mm
@@ -113,6 +108,13 @@ def _doubts_of_forces(forces, fit):
     if fit.scatter > 1:
         yield (f'The rows scatter {fit.scatter:.2g} times as much as their sigma_N says, and the intervals are widened '
                'accordingly: look for an outlier, or remove this column.')
+
+
+def _zeros(fit):
+    """The zero of the force that is subtracted, and warnings of errors that contradict what is known of them."""
+    if abs(fit.zeros[0]) > TOLD_ZERO * fit.force:
+        yield (f'A zero of the force of {fit.zeros[0] / u.N:.2g} +- {fit.zero_sigma / u.N:.2g} N is subtracted from every row '
+               '(the error is one standard deviation). If you know the zero better, say so with --sigma zero=0.001N.')
     units = ((u.N, 'N'), (u.mm, 'mm')) * 2
     for name, value, conflict, (unit, symbol) in zip(SHARED, fit.zeros, fit.conflicts, units, strict=True):
         if conflict > CONFLICT:
@@ -285,7 +287,7 @@ def frf_report(found: FrfFits, fixed: list[str], verbose: bool = True) -> str:
     if verbose:
         lines += ['', found.scene.title, '', *_responses(found, fixed)]
         lines += _of_sites(found) if better.follows and better.site_scatter.any() else []
-    lines += _doubts_of_peaks(found) if better.follows else [_not_followed(found)]
+    lines += _doubts_of_responses(found) if better.follows else [_not_followed(found)]
     values = found.values(better.model)
     for name, sigmas in found.contradicted.items():
         (value, _), (known, sigma) = values[name], found.priors[name]
@@ -319,8 +321,11 @@ def _not_followed(found):
     return f'The lattice does not follow this model: {why}, so no intervals are given. {look}'
 
 
-def _doubts_of_peaks(found):
-    """A warning that points are farther apart than peaks are wide."""
+def _doubts_of_responses(found):
+    """Warnings that points are farther apart than peaks are wide, and that the mass is not in the intervals."""
+    if 'mass' not in found.better.names:
+        yield ('The mass counts as exact: if it is 1 % off, force and springs are about as much off, which the intervals do not '
+               f'include. --prior mass_kg={value_of(found.scene, "mass"):.4g}+-1% includes it.')
     apart = u.hertz(max(np.median(np.diff(one.omega)) for one in found.functions))
     wide = found.fitted(found.better.model).frf.damping_per_s / (2 * np.pi)
     if apart > wide:

@@ -103,7 +103,7 @@ def _lattice(scene, cell, folder, save):
 
 def _draw_lattice(save, cell, bands, at):
     """Draw the modes at the special points, if they can be drawn; a line that says so if not."""
-    from ..bands.zone import PLANAR
+    from ..bands.bloch import PLANAR
     from ..plotting.axes import legend_of_set, letter_panels, panels
     from ..plotting.modes import plot_mode
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,6 +49,11 @@ def omission(scene: Scene, verbose: bool, points: Mapping[str, ArrayLike] | None
     return [f'{_counted(scene)}: farther ones would shift {most.place} by {most.size}{"" if known else ASSUMED}.{advice}']
 
 
+def chosen(scene: Scene) -> str:
+    """How many neighbours count, as a sentence with a space before it; empty if the scene says the number itself."""
+    return f' {_counted(scene)}.' if _comparable(scene) and not isinstance(scene.law.asked, int) else ''
+
+
 def too_few(scene: Scene, points: Mapping[str, ArrayLike], within: Mapping[tuple[str, int], float]) -> list[str]:
     """A line that names the shifts by omitted neighbours that exceed `within`, if there are any.
 
@@ -87,6 +93,9 @@ def _shifts(scene, points):
     cell, shifts, first = scene.perfect_cell(), [], 0
     waves = {name: np.reshape(np.asarray(several, dtype=float), (-1, 3)) for name, several in points.items()}
     found = neighbour_shifts(cell, np.concatenate(list(waves.values())))
+    if scene.foundation is not None:  # heavy pillars lower both
+        omega, every = (scene.foundation.slowed(each, cell.get_masses()) for each in (found.omega, found.every))
+        found = replace(found, omega=omega, every=every)
     branch = 'branch in the plane' if cell.calc.layer else 'branch'
     for name, several in waves.items():
         here = slice(first, first + len(several))

@@ -2,7 +2,6 @@ from .dispersion_fits import Shells as Shells, fit_dispersion as fit_dispersion
 from .objectives import (
     BandEdge as BandEdge,
     Contrast as Contrast,
-    Level as Level,
     Objective as Objective,
     band_gap as band_gap,
 )

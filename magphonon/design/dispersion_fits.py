@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ..bands.bloch import branch_names
-from ..interactions.law_cards import LawDerivative
 from ..interactions.pair_laws import PairLaw
 from ..lattices.bonds import SHELL_WIDTH
 from ..stiffness.matrices import Model, hermitian_eigenvalues, mass_weighted, signed_root
@@ -41,7 +40,7 @@ from ..traits import takes
 from ..waves.ridge_tables import RidgePoints
 from ..waves.wave_analysis import LOBE_bins, stationary_waves
 from .least_squares import FITS, MOST_FACTOR, Before, ParameterFit
-from .sensitivities import StiffnessDerivative
+from .sensitivities import LawDerivative, StiffnessDerivative
 
 Build = Callable[[dict[str, float]], tuple[Any, ...]]
 FOLLOWS = 1.5

@@ -6,7 +6,7 @@ eigenvector of J^T J whose eigenvalue is nearly zero is a change of parameters t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -139,12 +139,6 @@ class ParameterFit:
                              f'({", ".join(self.names)}), so these have no covariance; measure another branch, or fix '
                              'a parameter')
         return self.scatter**2 * np.linalg.inv(self.information)
-
-
-def weights_of(log_evidences: Sequence[float]) -> NDArray[np.float64]:
-    """Weights of hypotheses, equally likely beforehand, from the logarithms of their evidence."""
-    evidence = np.exp(np.subtract(log_evidences, np.max(log_evidences)))
-    return evidence / evidence.sum()
 
 
 def mixed_interval(values: NDArray[np.float64], sigma: NDArray[np.float64],

@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import units as u
 from ..response.transfer_functions import TransferFunction
-from .transfer_fits import WIDEST, ParametricLattice, responses, with_wide_peaks
+from .transfer_fits import WIDEST, ParametricLattice, solved, with_wide_peaks
 
 STRETCHES = 0.88, 0.94, 1.0, 1.06, 1.13  # factors of all frequencies that are tried, as the lattice is not known exactly
 CLOSE, BETTER, NEAR = 0.1, 0.5, 1.0
@@ -62,8 +62,8 @@ def _readings(functions):
 def _computed(built, functions, stretch):
     """Responses, with wide peaks, of a lattice whose frequencies are `stretch` times as high."""
     there = [replace(one, omega=one.omega / stretch) for one in functions]
-    h = np.split(responses(built, there), np.cumsum([len(one.omega) for one in there])[:-1])
-    return np.concatenate([_wide(replace(one, response=own / stretch**2)) for one, own in zip(functions, h, strict=True)])
+    found = solved(built, there)[1]
+    return np.concatenate([_wide(replace(one, response=own.h / stretch**2)) for one, own in zip(functions, found, strict=True)])
 
 
 def _wide(one):

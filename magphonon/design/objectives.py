@@ -29,6 +29,7 @@ from ..stiffness.matrices import bloch_matrix
 from .scatter import Rest, Slope, form
 
 DECIBEL = 10 / np.log(10)
+UNHEARD = 1e-12  # amplitude, in the largest one, below which motion is round-off
 
 Places = Dof | Sequence[Dof] | Sequence[int] | NDArray[np.intp]
 """Where a structure is driven or seen: along the directions of one or more `Dof`, or all motion of some particles."""
@@ -80,22 +81,12 @@ class Sum(Objective):
         return [words for _, part in self.parts for words in part.doubts(rest)]
 
 
-class _Driven(Objective):
-    """An objective of a source with a frequency `omega`, in rad/ms, and a damping rate, in 1/ms."""
-
-    omega: float
-    damping: float
-
-    def tuned(self, frequency: float, damping: float = 1.0) -> Objective:
-        changed: Any = {'omega': frequency * self.omega, 'damping': damping * self.damping}
-        return replace(self, **changed)  # pyright: ignore[reportArgumentType]  each is a dataclass
-
-    def doubts(self, rest: Rest) -> list[str]:
-        low, high = np.sqrt(abs(rest.spectrum[0][[0, -1]]))
-        if low <= self.omega <= high:
-            return []
-        return [f'{units.hertz(self.omega):.4g} Hz lies outside the natural frequencies of the structure, {units.hertz(low):.4g} '
-                f'to {units.hertz(high):.4g} Hz: no wave carries it, and the motion dies out around its source.']
+def targets_of(objective: Objective | Sequence[Objective]) -> tuple[Objective, ...]:
+    """One objective or several as a tuple, which is not empty."""
+    targets = (objective,) if isinstance(objective, Objective) else tuple(objective)
+    if not targets:
+        raise ValueError('nothing is to be made large: give one objective or more')
+    return targets
 
 
 def soft_minimum(values: NDArray[np.float64], width: float) -> tuple[float, NDArray[np.float64]]:
@@ -105,8 +96,10 @@ def soft_minimum(values: NDArray[np.float64], width: float) -> tuple[float, NDAr
 
 
 @dataclass(frozen=True, eq=False)
-class Contrast(_Driven):
+class Contrast(Objective):
     """How much more energy some places have than others, for a harmonic force: `10 lg(sum |u_loud|^2/sum |u_quiet|^2)` in dB.
+
+    Without quiet places, it is the level of the loud ones in dB above 1 mm/N.
 
     Attributes
     ----------
@@ -116,9 +109,6 @@ class Contrast(_Driven):
         Displacements along given directions, or all motion of some particles: a port, a row, a region.
     omega, damping : float
         In rad/ms, and the damping rate in 1/ms, the force divided by the momentum.
-    floor : float
-        Amplitude in mm/N that is added to both, |u|^2 + floor^2, so that a design does not rely on a zero so deep that no real
-        lattice has it.
 
     Examples
     --------
@@ -138,58 +128,51 @@ class Contrast(_Driven):
     quiet: Places
     omega: float
     damping: float
-    floor: float = 0.0
 
     def __post_init__(self) -> None:
         positive('omega', self.omega, 'rad/ms')
         not_negative('damping', self.damping, '1/ms')
-        not_negative('floor', self.floor, 'mm/N')
 
     def value_and_slope(self, rest: Rest) -> tuple[float, Slope]:
-        return _decibels(rest, self, ((1, self.loud), (-1, self.quiet)))
+        # with G the response, dJ = -2 Re sum c (u* d) G dH y, where c = sign 10/ln 10/energy
+        (n, dim), driven = rest.springs.shape, _dofs(self.source)
+        if not all(isinstance(one, Dof) for one in driven):
+            raise ValueError(f'the source must be Dof, each a particle and a direction, not {driven}')
+        force = np.sum([one.force(n)[:, :dim] for one in driven], axis=0)
+        at = f'a force on particle {", ".join(str(one.particle) for one in driven)}'
+        if not rest.frame.along(force).any():
+            raise ValueError(f'{at} moves nothing: it is held, or held along that direction; drive a particle that can move')
+        y = rest.response(force, self.omega, self.damping)
+        value, pull = 0.0, np.zeros((n, dim), complex)
+        for sign, places in [(1, self.loud), (-1, self.quiet)][: 2 if np.asarray(self.quiet, object).size else 1]:
+            particles, directions = _seen(places, n, dim)
+            u = (y[particles] * directions).sum(1)
+            energy = float((abs(u) ** 2).sum())
+            if energy <= (UNHEARD * abs(y).max()) ** 2:
+                which = ', '.join(map(str, dict.fromkeys(particles)))
+                raise ValueError(f'particle {which} does not move along {directions[0].tolist()} for {at}: it is held, or by '
+                                 'symmetry no wave reaches it, so its level is no number; choose another place or direction')
+            value += sign * DECIBEL * np.log(energy)
+            np.add.at(pull, particles, sign * 2 * DECIBEL / energy * u.conj()[:, None] * directions)
+        x, inertia = rest.response(pull, self.omega, self.damping), 1j * self.omega * self.damping - self.omega**2
+        return value, form(rest.frame.bonds, -x[..., None], y[..., None], inertia).real
 
+    def tuned(self, frequency: float, damping: float = 1.0) -> Objective:
+        return replace(self, omega=frequency * self.omega, damping=damping * self.damping)
 
-@dataclass(frozen=True, eq=False)
-class Level(_Driven):
-    """Level of some places in dB above 1 mm/N, for a harmonic force: `10 lg(sum |u|^2 + floor^2)`; see `Contrast`."""
-
-    source: Dof | Sequence[Dof]
-    seen: Places
-    omega: float
-    damping: float
-    floor: float = 0.0
-
-    __post_init__ = Contrast.__post_init__
-
-    def value_and_slope(self, rest: Rest) -> tuple[float, Slope]:
-        return _decibels(rest, self, ((1, self.seen),))
-
-
-def _decibels(rest, of, terms):
-    """Sum of signed levels and its slope: with G the response, dJ = -2 Re sum c (u* d) G dH y, c = sign 10/ln 10/energy."""
-    (n, dim), driven = rest.springs.shape, _dofs(of.source)
-    force = np.sum([one.force(n)[:, :dim] for one in driven], axis=0)
-    at = f'a force on particle {", ".join(str(one.particle) for one in driven)}'
-    if not rest.frame.along(force).any():
-        raise ValueError(f'{at} moves nothing: it is held, or held along that direction; drive a particle that can move')
-    y = rest.response(force, of.omega, of.damping)
-    value, pull = 0.0, np.zeros((n, dim), complex)
-    for sign, places in terms:
-        particles, directions = _seen(places, n, dim)
-        u = (y[particles] * directions).sum(1)
-        energy = float((abs(u) ** 2).sum()) + of.floor**2
-        if not energy:
-            which = ', '.join(map(str, dict.fromkeys(particles)))
-            raise ValueError(f'particle {which} does not move along {directions[0].tolist()} for {at}: it is held, or the '
-                             'waves do not reach it, so its level is no number; choose another place or direction, or a floor')
-        value += sign * DECIBEL * np.log(energy)
-        np.add.at(pull, particles, sign * 2 * DECIBEL / energy * u.conj()[:, None] * directions)
-    x = rest.response(pull, of.omega, of.damping)
-    return value, form(rest.frame.bonds, -x[..., None], y[..., None], 1j * of.omega * of.damping - of.omega**2).real
+    def doubts(self, rest: Rest) -> list[str]:
+        low, high = np.sqrt(abs(rest.spectrum[0][[0, -1]]))
+        if low <= self.omega <= high:
+            return []
+        return [f'{units.hertz(self.omega):.4g} Hz lies outside the natural frequencies of the structure, {units.hertz(low):.4g} '
+                f'to {units.hertz(high):.4g} Hz: no wave carries it, and the motion dies out around its source.']
 
 
 def _dofs(places):
-    return [places] if isinstance(places, Dof) else list(places)
+    each = list(np.atleast_1d(np.asarray(places, object)))
+    if not each:
+        raise ValueError('an objective has no source, or no place where it is seen; give a particle or more')
+    return each
 
 
 def _seen(places, n, dim):
@@ -254,7 +237,7 @@ class BandEdge(Objective):
         """Squared frequencies of Bloch waves, shape (wavevectors, branches), and the modes x in columns, with x.M x = 1."""
         if not rest.frame.bonds.shift.any():
             raise ValueError('only a periodic cell has bands, but this structure is finite; set atoms.pbc, or choose an '
-                             'objective of a finite structure, such as Level')
+                             'objective of a finite structure, such as Contrast')
 
         def modes():
             S = rest.frame.free.toarray() / np.sqrt(np.repeat(rest.masses, rest.springs.shape[1]))[:, None]

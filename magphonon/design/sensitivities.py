@@ -82,6 +82,17 @@ def force_change(law: PairLaw | LawDerivative, power: ArrayLike = 1) -> LawDeriv
     return LawDerivative(lambda r: power * law.dphi(r), lambda r: power * law.d2phi(r))
 
 
+def steeper(law: PairLaw | LawDerivative, exponent: float, length: float) -> PairLaw | LawDerivative:
+    """A law whose exponent -d ln f/d ln r is larger, with the same force at a distance `length`."""
+    if not exponent:
+        return law
+
+    def less(r):
+        return (r / length) ** -exponent
+
+    return LawDerivative(lambda r: less(r) * law.dphi(r), lambda r: less(r) * (law.d2phi(r) - exponent / r * law.dphi(r)))
+
+
 def spacing_change(law: PairLaw) -> LawDerivative:
     """Derivative of the law of the bonds with respect to the logarithm of the spacing: all distances grow in proportion.
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from os import PathLike
@@ -24,19 +25,18 @@ from scipy.optimize import minimize
 from tqdm import tqdm
 
 from .. import units
-from ..errors import Unstable, finite, indices, not_negative, one_of, positive, shown, whole
+from ..errors import Unstable, finite, not_negative, one_of, positive, shown, whole
 from ..files import whole_file
-from ..interactions.law_cards import LawDerivative
-from ..interactions.pair_laws import PairLaw
+from ..lattices.bonds import pairs_within
 from ..stability.buckling import common_spring, softest_of
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import MODELS, Central, Model, hessian, interaction_along
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem
 from ..traits import takes
-from .objectives import Objective, soft_minimum
+from .objectives import Objective, soft_minimum, targets_of
 from .scatter import REGULAR, Frame, Rest, Slope, site_slopes
-from .sensitivities import force_change
+from .sensitivities import force_change, steeper
 
 KINDS = 'strength', 'magnet', 'spring', 'rod', 'mass', 'foot'
 """What may vary from site to site: factors of the strength of a magnet; of strength and mass of a thicker magnet; of the
@@ -56,6 +56,8 @@ RATE, FALLS, FALL = 0.05, 0.3, 0.7  # Adam's step in half widths; from which sha
 GROW, LEAST = 0.15, 0.02  # share of the steps in which the errors grow to their full size, and with which part they begin
 FREEZE = 0.35, 0.85  # shares of the steps between which parts are frozen to grades
 MEMORY, LONG_MEMORY = 0.9, 0.99  # of Adam, for the slopes and for their squares
+RAYLEIGH, HEAVY = 33 / 140, 5.0  # share of a rod's mass m that moves, and up to which 3 m omega^2/k this is right
+NEAR = 1.25  # times the shortest bond: a pair that comes as near without a bond is missed by more than a third of its force
 BACK = 0.97  # parameters of a design that buckles shrink by this factor
 
 
@@ -186,8 +188,7 @@ class Structure:
         if law is None:
             raise ValueError('a design needs forces along the bonds between particles; upright magnets that leave their plane '
                              'have others: hold them in the plane')
-        self.law: PairLaw = law
-        self.feet, self.strengths = calc.anchors[:, : calc.dim], np.broadcast_to(calc.strengths, len(atoms))
+        self.law, self.feet, self.strengths = law, calc.anchors[:, : calc.dim], np.broadcast_to(calc.strengths, len(atoms))
         self.spans = calc.bond_vectors - self.frame.stretch(calc.slack[:, : calc.dim])  # of the feet
         self.kept, self.load = float(calc.bonds.lengths.min()), calc.load[:, : calc.dim]
 
@@ -242,6 +243,19 @@ class Structure:
         return all(_cholesky(self.frame.within(hessian(rest.frame.bonds, rest.K('complete'), rest.springs, q).toarray()))
                    for q in edges)
 
+    def refuse_strangers(self, rest: Rest, parts: Parts) -> None:
+        """Raise ValueError if a copy brings particles as near as neighbours that have no bond."""
+        n, atoms, bonds, mobile = len(self.atoms), self.calc.reference.copy(), self.calc.bonds, self.system.mobile
+        known = [bonds.i * n + bonds.j, *(a * n + b for a, b, *_ in [pairs_within(atoms, NEAR * self.kept)])]
+        atoms.positions[:, : self.shape[1]] += parts.foot + rest.bent
+        i, j, _, r = pairs_within(atoms, NEAR * self.kept)
+        strange = ~np.isin([i * n + j, j * n + i], np.concatenate(known)).any(0) & (mobile[i] | mobile[j])
+        if strange.any():
+            k = np.where(strange, r, np.inf).argmin()
+            raise ValueError(f'errors bring particles {i[k]} and {j[k]}, which have no bond, to within {r[k]:.3g} mm; the '
+                             f'shortest bond is {self.kept:.3g} mm long, so their repulsion would be missed: give the structure '
+                             'a larger cutoff, or smaller errors')
+
     def at(self, rest: Rest, parts: Parts) -> Atoms:
         """The structure as atoms at rest, with their calculator."""
         calc, dim = self.calc, self.calc.dim
@@ -256,17 +270,6 @@ class Structure:
         atoms.calc = PairCalculator(atoms, calc.laws, bonds=bonds, anchors=anchors, foundation=rest.springs,
                                     strengths=calc.strengths * parts.strength * np.sqrt(parts.force), load=calc.load)
         return atoms
-
-
-def steeper(law: Any, exponent: float, length: float) -> LawDerivative:
-    """A law whose exponent -d ln f/d ln r is larger, with the same force at a distance `length`."""
-    if not exponent:
-        return law
-
-    def less(r):
-        return (r / length) ** -exponent
-
-    return LawDerivative(lambda r: less(r) * law.dphi(r), lambda r: less(r) * (law.d2phi(r) - exponent / r * law.dphi(r)))
 
 
 def _newton(rest):
@@ -294,12 +297,11 @@ class Variables:
     """
 
     def __init__(self, structure: Structure, over: Mapping[str, tuple[float, float]],
-                 parts: Mapping[str, ArrayLike] | None = None, sites: ArrayLike | None = None, rod_mass: float = 0.0) -> None:
-        n, dim = structure.shape
-        self.structure, self.over = structure, dict(over)
-        self.sites = np.flatnonzero(structure.system.mobile) if sites is None else np.unique(indices('sites', sites, n))
+                 parts: Mapping[str, ArrayLike] | None = None, rod_mass: float = 0.0) -> None:
+        self.structure, self.over, dim = structure, dict(over), structure.shape[1]
+        self.sites = np.flatnonzero(structure.system.mobile)
         if not over or not len(self.sites):
-            raise ValueError('nothing can vary: name a parameter in over=, and at least one free site')
+            raise ValueError('nothing can vary: name a parameter in over=, and leave a particle free to move')
         self.rod_mass = not_negative('rod_mass', rod_mass, 'g')
         if (structure.masses[self.sites] <= rod_mass).any():
             raise ValueError(f'rod_mass is the moving mass of one rod, {rod_mass:g} g, which the masses of the sites include, '
@@ -399,7 +401,7 @@ class SiteDesign:
         The model of the waves for which it was designed.
     promised, given, before : ndarray, shape (targets,)
         Values of the targets without errors: in the model of the design, in the complete model, and of the structure that was
-        given, in the model of the design.
+        given, in the model of the design; NaN if that buckles, or by symmetry no wave reaches a place there.
     history : tuple of float
         Without errors, the best soft minimum of the targets so far at each evaluation; with errors, that of each step.
     buckled : int
@@ -430,15 +432,18 @@ class SiteDesign:
     @property
     def words(self) -> list[str]:
         """What limits the design, in words."""
-        rest = Rest.of(self.atoms)
+        rest, free, rods = Rest.of(self.atoms), self.variables.sites, self.variables.rod_mass * self.values.get('rod', 1.0) ** 2
+        slowest = (rest.springs[:, 0] / np.maximum(np.broadcast_to(rods, len(rest.masses)), np.finfo(float).tiny))[free].min()
+        limit = np.sqrt(HEAVY * RAYLEIGH / 3 * slowest)
         return [f'{self.buckled} trial designs buckled and were discarded.'] * bool(self.buckled) + [
+            f'Rods count as springs with 33/140 of their mass, which is right below {units.hertz(limit):.4g} Hz; above, waves in '
+            'the rods lower the frequencies of the structure.'] * bool(limit**2 < rest.spectrum[0][-1]) + [
             words for target in self.targets for words in target.doubts(rest)]
 
 
 def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Mapping[str, tuple[float, float]], *,
              parts: Mapping[str, ArrayLike] | None = None, errors: Errors | None = None, model: Model = 'complete',
-             sites: ArrayLike | None = None, rod_mass: float = 0.0, steps: int = 100, draws: int = 8, tau: float = 4.0,
-             seed: int = 0) -> SiteDesign:
+             rod_mass: float = 0.0, steps: int = 100, draws: int = 8, tau: float = 4.0, seed: int = 0) -> SiteDesign:
     """Maximise an objective of a structure, or the worst of several.
 
     Parameters
@@ -456,8 +461,6 @@ def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Map
         Errors of copies that the design must tolerate.
     model : {'complete', 'conventional'}
         Model of the waves; statics always follow the complete model.
-    sites : array_like of int, optional
-        The sites that vary; by default all free sites.
     rod_mass : float
         Moving mass of one rod in g, which the masses of the atoms include: it goes with the square of the diameter.
     steps : int
@@ -488,25 +491,25 @@ def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Map
     >>> abs(design.before.round(6)).tolist(), design.value > 5  # in dB: by symmetry both levels are equal at first
     ([0.0], True)
     """
-    targets = (objective,) if isinstance(objective, Objective) else tuple(objective)
-    if not targets:
-        raise ValueError('a design needs one objective or more')
-    variables = Variables(Structure(atoms), over, parts, sites, rod_mass)
+    targets = targets_of(objective)
+    variables = Variables(Structure(atoms), over, parts, rod_mass)
     task = _Task(variables, targets, model, positive('tau', tau))
     rng, whole_steps = np.random.default_rng(whole('seed', seed, 0)), whole('steps', steps)
     x = np.clip(variables.present + FIRST * rng.normal(size=len(variables)), -1, 1)
     if errors is None and not variables.grades:
-        x, history = _Ascent(task, x).run(whole_steps)
+        x, history = _ascended(task, x, whole_steps)
     else:
         x, history = _drifted(task, x, errors, rng, whole_steps, whole('draws', draws) if errors else 1)
-    structure, chosen = variables.structure, variables.parts(x)
+    structure, chosen, before = variables.structure, variables.parts(x), np.full(len(targets), np.nan)
 
     def of(x, model):
         rest = structure.rest(variables.parts(x), model=model)
         return np.array([target.value(rest) for target in targets])
 
+    with suppress(ValueError):
+        before = of(variables.present, model)
     return SiteDesign(structure.at(structure.rest(chosen), chosen), targets, variables, x, model, of(x, model), of(x, 'complete'),
-                      of(variables.present, model), tuple(history), task.buckled)
+                      before, tuple(history), task.buckled)
 
 
 @dataclass(eq=False)
@@ -586,46 +589,41 @@ def _drifted(task, x, errors, rng, steps, draws):
     if v.grades:
         x = v.freeze(x, frozen, 1.0)
     if not history or not task.holds(x):
-        raise Unstable('no design with a stable equilibrium was found: the bounds exclude stable structures; widen them, or give '
-                       'stiffer springs')
+        raise Unstable('no design with a stable equilibrium was found: begin with a structure that is stable, such as one with '
+                       'stiffer springs; widen the bounds if they exclude it')
     return x, history
 
 
-class _Ascent:
-    """An ascent by L-BFGS-B, with the best design so far."""
+def _ascended(task, x, steps):
+    """The best parameters that L-BFGS-B finds, and the best value at each evaluation."""
+    best, value, history = x, -np.inf, []
 
-    def __init__(self, task, x):
-        self.task, self.best, self.value, self.history = task, x, -np.inf, []
-
-    def run(self, steps):
-        """The best parameters found, and the best value at each evaluation."""
-        for _ in range(RESTARTS):
-            before = self.task.buckled
-            minimize(self.down, self.best, jac=True, method='L-BFGS-B', bounds=[(-1, 1)] * len(self.best),
-                     options={'maxiter': steps, 'maxfun': 2 * steps})
-            if self.task.buckled == before or not np.isfinite(self.value) or len(self.history) > 2 * steps:
-                break  # else a trial that buckled has stopped it
-        if not np.isfinite(self.value):
-            raise Unstable(f'of {len(self.history) + self.task.buckled} designs that were tried within the bounds, none has a '
-                           'stable equilibrium: the bounds exclude stable structures; widen them, or give stiffer springs')
-        return self.best, self.history
-
-    def down(self, x):
-        """The function that is minimised, and its slope; where the structure buckles, it is very large and flat."""
+    def down(x):  # where the structure buckles, it is very large and flat
+        nonlocal best, value
         try:
-            value, slope = self.task(x)
-            if value > self.value and not self.task.holds(x):
+            found, slope = task(x)
+            if found > value and not task.holds(x):
                 raise Unstable('waves of the cell grow')
         except Unstable:
-            self.task.buckled += 1
-            known = self.value if np.isfinite(self.value) else 0.0
+            task.buckled += 1
+            known = value if history else 0.0
             return FAR * (1 + abs(known)) - known, np.zeros(len(x))
-        if not self.history:
+        if not history:
             _refuse_flat(slope)
-        if value > self.value:
-            self.best, self.value = x.copy(), value
-        self.history.append(self.value)
-        return -value, -slope
+        if found > value:
+            best, value = x.copy(), found
+        history.append(value)
+        return -found, -slope
+
+    for _ in range(RESTARTS):
+        before, limits = task.buckled, {'maxiter': steps, 'maxfun': 2 * steps}
+        minimize(down, best, jac=True, method='L-BFGS-B', bounds=[(-1, 1)] * len(x), options=limits)
+        if task.buckled == before or not history or len(history) > 2 * steps:
+            break  # else a trial that buckled has stopped it
+    if not history:
+        raise Unstable(f'of {task.buckled} designs that were tried within the bounds, none has a stable equilibrium: begin with '
+                       'a structure that is stable, such as one with stiffer springs; widen the bounds if they exclude it')
+    return best, history
 
 
 @dataclass(frozen=True, eq=False)
@@ -673,6 +671,14 @@ def verify(atoms: Atoms, objective: Objective | Sequence[Objective], errors: Err
            seed: int = 1) -> Verification:
     """Judge a structure on copies with errors, with all of them, each alone, and all but each.
 
+    Copies keep the bonds of the structure. If its cutoff omits no pair that matters, neither do those that errors bring across
+    it: 0.1 dB for the demultiplexer, with all pairs within 45 mm; 2 dB with those within 22.5 mm.
+
+    Raises
+    ------
+    ValueError
+        If errors bring particles without a bond as near as neighbours.
+
     Parameters
     ----------
     atoms : ase.Atoms
@@ -696,7 +702,7 @@ def verify(atoms: Atoms, objective: Objective | Sequence[Objective], errors: Err
     >>> found.values.shape, sorted(found.table())
     ((5, 1), ['each_foot_mm', 'force_percent'])
     """
-    structure, targets = Structure(atoms), (objective,) if isinstance(objective, Objective) else tuple(objective)
+    structure, targets = Structure(atoms), targets_of(objective)
     nearby = structure.rest()
 
     def of(errors):
@@ -707,6 +713,7 @@ def verify(atoms: Atoms, objective: Objective | Sequence[Objective], errors: Err
                 rest = structure.rest(draw, nearby)
             except Unstable:
                 continue
+            structure.refuse_strangers(rest, draw)
             row[:] = [target.tuned(draw.frequency).value(rest) for target in targets]
         return values
 
@@ -717,9 +724,13 @@ def verify(atoms: Atoms, objective: Objective | Sequence[Objective], errors: Err
 def write_build_list(path: str | PathLike[str], atoms: Atoms) -> None:
     """Write the build list of a structure as CSV in SI: position of the foot, mass, strength, stiffness and whether it is held.
 
-    Strengths are relative to those of the calculator's law, stiffnesses are along x.  A scene reads the list as its particles.
+    Strengths are relative to those of the calculator's law.  A scene reads the list as its particles.  ValueError if the list has
+    no place for what the structure is: periodic, not planar, on springs that differ along x and y, or under loads.
     """
     calc: Any = atoms.calc
+    if atoms.pbc.any() or calc.dim != 2 or np.ptp(np.atleast_2d(calc.foundation), axis=-1).any() or calc.load.any():
+        raise ValueError('a build list is that of a finite planar structure with round rods and no loads: it has no place for a '
+                         'cell, for heights, for springs that differ along x and y, and for loads')
     middle = (calc.anchors.min(axis=0) + calc.anchors.max(axis=0)) / 2
     x, y, _ = ((calc.anchors - middle) / units.m).round(12).T + 0.0  # no zeros of round-off
     held = ~LinearSystem.of(atoms).mobile

@@ -16,7 +16,6 @@ replaces x, J stays and A becomes A - J M. The scatter is found by maximising th
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -56,8 +55,8 @@ LOWER."""
 FEW, MOST = 4, 40  # steps of a stage, and of the last one
 ROUGH, FINE = 1e-3, 1e-4  # share of the sum of squares below which a gain ends a stage, and the last one
 SETTLED, ROUNDS = 0.05, 8  # relative change of the scatter that ends its search, and most rounds
-DAMPED, LESS, MORE, TRIES = 1e-3, 0.1, 8.0, 10
-"""Damping of Levenberg and Marquardt: at first, its change after a success and after a failure, how often it is raised."""
+DAMPED, LESS, MORE, STUCK = 1e-3, 0.1, 8.0, 1e5
+"""Damping of Levenberg and Marquardt: at first, its change after a success and after a failure, and where no step leads down."""
 BOUND = np.log(MOST_FACTOR)
 
 
@@ -195,7 +194,9 @@ def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sit
 
 
 class Linear(NamedTuple):
-    """Residuals divided by the noise at given parameters x and sites z, their slopes, and the signs of the responses."""
+    """Residuals divided by the noise at given parameters x and unknowns z, and the derivatives J and A of the responses by these,
+    divided by it too.
+    """
 
     r: NDArray[np.float64]
     J: NDArray[np.float64]
@@ -245,92 +246,114 @@ def scatter_factors(at: Linear, z: NDArray[np.float64], kinds: NDArray[np.intp],
 
 
 class Place(NamedTuple):
-    """A point of the fit: logarithms of the parameters, unknowns of the sites, their lattice, and the result of `solved`."""
+    """A point of a fit: parameters x, unknowns z, the responses h of the lattice with these, and what else is known of it."""
 
     x: NDArray[np.float64]
     z: NDArray[np.float64]
-    built: ParametricLattice
-    fields: tuple[Any, list[Solved]]
+    h: NDArray[np.complex128]
+    built: Any
 
 
 @dataclass(frozen=True)
-class _Problem:
-    """What is fitted: lattice, parameters, functions and prior knowledge."""
+class ManyUnknowns:
+    """Transfer functions fitted by parameters x and many unknowns z: minimises |h - h(x, z)|^2/noise^2 + |z|^2 + prior of x.
+
+    A subclass says what the unknowns are.
+    """
+
+    functions: Sequence[TransferFunction]
+    before: Before
+    noise: float
+
+    def place(self, x: NDArray[np.float64], z: NDArray[np.float64]) -> Place:
+        """The point of the fit with these parameters and unknowns; raises ValueError where there is no such lattice."""
+        raise NotImplementedError
+
+    def slopes(self, place: Place) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Derivatives of the responses by x and by z, shape (points, parameters) and (points, unknowns)."""
+        raise NotImplementedError
+
+    def residuals(self, place: Place) -> NDArray[np.float64]:
+        """Residuals divided by the noise, shape (2 points,)."""
+        return split(weights(self.functions) * (measured_responses(self.functions) - place.h)) / self.noise
+
+    def linear(self, place: Place) -> Linear:
+        """The residuals, and their slopes."""
+        weight = weights(self.functions)[:, None] / self.noise
+        return Linear(self.residuals(place), *(split((weight * slopes).T).T for slopes in self.slopes(place)))
+
+    def sum_of(self, place: Place) -> float:
+        """The sum of squares that is minimised."""
+        known = self.before.root @ (place.x - self.before.centre)
+        return sum(float(one @ one) for one in (self.residuals(place), place.z, known))
+
+    def descended(self, place: Place, steps: int, tolerance: float = 0.0) -> Place:
+        """Take steps of Levenberg and Marquardt from a point, until one lowers the sum by less than this share."""
+        damping = DAMPED
+        for _ in range(steps):
+            now, at = self.sum_of(place), self.linear(place)
+            while not (there := self._stepped(place, at, damping)) or (then := self.sum_of(there)) >= now:
+                damping = max(MORE * damping, DAMPED)
+                if damping > STUCK:
+                    return place
+            place, damping = there, LESS * damping
+            if now - then < tolerance * now:
+                break
+        return place
+
+    def _stepped(self, place, at, damping):
+        """The point after one step; None if it is too long: magnets then touch, or nothing holds them."""
+        (x, z, *_), known, C = place, self.before.information, Eliminated(at.A, 1 + damping)
+        r = at.r + at.A @ z / (1 + damping)
+        CJ = C(at.J)
+        F = at.J.T @ CJ + known
+        dx = np.linalg.lstsq(F + damping * np.diag(np.diag(F)), CJ.T @ r + known @ (self.before.centre - x), BLIND)[0]
+        dz = at.A.T @ C(r - at.J @ dx) - z / (1 + damping)
+        try:
+            return self.place(np.clip(x + dx, -BOUND, BOUND), z + dz)
+        except ValueError:
+            return None
+
+
+@dataclass(frozen=True)
+class _Problem(ManyUnknowns):
+    """What is fitted: lattice, parameters, functions and prior knowledge, with this scatter of the sites."""
 
     build: Callable[[dict[str, float]], ParametricLattice]
     names: tuple[str, ...]
-    functions: Sequence[TransferFunction]
-    before: Before
     sites: Sites
-    noise: float
+    scatter: NDArray[np.float64]
 
-    def place(self, x, z, scatter) -> Place:
-        """The point of the fit with these parameters and sites: its lattice, and the fields in it."""
-        built = at_sites(self.build(dict(zip(self.names, np.exp(x).tolist(), strict=True))), self.sites, z, scatter)
-        return Place(x, z, built, solved(built, self.functions))
+    def place(self, x, z):
+        by_name = dict(zip(self.names, np.exp(x).tolist(), strict=True))
+        built = at_sites(self.build(by_name), self.sites, z, self.scatter)
+        fields = solved(built, self.functions)
+        return Place(x, z, by_name.get('gain', 1.0) * np.concatenate([one.h for one in fields[1]]), (built, fields))
 
-    def gain(self, x):
-        return np.exp(x[self.names.index('gain')]) if 'gain' in self.names else 1.0
-
-    def off(self, h, x, noise):
-        """Residuals, divided by the noise, for responses h to which the gain is not yet applied."""
-        return split(weights(self.functions) * (measured_responses(self.functions) - self.gain(x) * h)) / noise
-
-    def linear(self, place: Place, scatter: NDArray[np.float64], noise: float) -> Linear:
-        x, built, (basis, own) = place.x, place.built, place.fields
-        h, slopes = response_slopes(built, self.functions, self.names, fields=place.fields)
-        weight = (weights(self.functions) * self.gain(x) / noise)
-        of_sites = weight[:, None] * site_slopes(built, basis, own, self.sites, scatter)
-        return Linear(self.off(h, x, noise), split(weight * slopes).T, np.concatenate([of_sites.real, of_sites.imag]))
-
-    def sum_of(self, r, x, z) -> float:
-        known = self.before.root @ (x - self.before.centre)
-        return float(r @ r + z @ z + known @ known)
-
-    def descended(self, place, scatter, noise, steps, tolerance):
-        """Take steps of Levenberg and Marquardt from a point; return the last point and the linearisation there."""
-        damping, known = DAMPED, self.before.information
-        for _ in range(steps):
-            x, z, at = place.x, place.z, self.linear(place, scatter, noise)
-            now = self.sum_of(at.r, x, z)
-            for _ in range(TRIES):
-                C = Eliminated(at.A, 1 + damping)
-                r = at.r + at.A @ z / (1 + damping)
-                CJ = C(at.J)
-                F = at.J.T @ CJ + known
-                dx = np.linalg.lstsq(F + damping * np.diag(np.diag(F)), CJ.T @ r + known @ (self.before.centre - x), BLIND)[0]
-                dz = at.A.T @ C(r - at.J @ dx) - z / (1 + damping)
-                dx = np.clip(x + dx, -BOUND, BOUND) - x
-                with suppress(ValueError):  # a step is too long if magnets then touch, or nothing holds them
-                    there = self.place(x + dx, z + dz, scatter)
-                    h = np.concatenate([one.h for one in there.fields[1]])
-                    then = self.sum_of(self.off(h, there.x, noise), there.x, there.z)
-                    if then < now:
-                        break
-                damping = max(MORE * damping, DAMPED)
-            else:
-                return place, at
-            place, damping = there, LESS * damping  # pyright: ignore[reportPossiblyUnbound]  TRIES is not zero
-            if now - then < tolerance * now:  # pyright: ignore[reportPossiblyUnbound]
-                break
-        return place, self.linear(place, scatter, noise)
+    def slopes(self, place):
+        built, fields = place.built
+        gain = np.exp(place.x[self.names.index('gain')]) if 'gain' in self.names else 1.0
+        by_names = response_slopes(built, self.functions, self.names, fields=fields)[1].T
+        return gain * by_names, gain * site_slopes(built, *fields, self.sites, self.scatter)
 
     def of_most_evidence(self, place: Place, known: bool) -> tuple[Place, Linear, NDArray[np.float64], float] | None:
         """The last point, its linearisation, the scatter of most evidence and the noise, which is `known` or follows from what
         is left; None if no scatter has more evidence.
         """
-        scatter, noise = FIRST, self.noise
+        one = self
         for _ in range(ROUNDS):
-            place, at = self.descended(place, scatter, noise, MOST, FINE)
-            factors, determined, gained = scatter_factors(at, place.z, self.sites.kinds, np.log(FIRST / scatter))
+            place = one.descended(place, MOST, FINE)
+            at = one.linear(place)
+            factors, determined, gained = scatter_factors(at, place.z, one.sites.kinds, np.log(FIRST / one.scatter))
             if gained < 0:
                 return None
             left = 1.0 if known else float(np.sqrt(at.r @ at.r / (len(at.r) - len(place.x) - determined)))
             if abs(np.log([*factors, left])).max() < SETTLED:
-                return place, at, scatter, noise
-            place = place._replace(z=place.z / factors[self.sites.kinds])  # the same sites
-            scatter, noise = scatter * factors, noise * left
-        return *self.descended(place, scatter, noise, MOST, FINE), scatter, noise
+                return place, at, one.scatter, one.noise
+            place = place._replace(z=place.z / factors[one.sites.kinds])  # the same sites
+            one = replace(one, scatter=one.scatter * factors, noise=one.noise * left)
+        place = one.descended(place, MOST, FINE)
+        return place, one.linear(place), one.scatter, one.noise
 
 
 def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
@@ -353,13 +376,13 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
     if known and fit.chance >= FITS:
         return fit
     built = build(fit.by_name)
-    one = _Problem(build, fit.names, functions, Before.of(fit.names, priors), Sites.of(built.system), fit.noise)
-    measured = one.off(0.0, np.log(fit.factors), 1.0)
+    one = _Problem(functions, Before.of(fit.names, priors), fit.noise, build, fit.names, Sites.of(built.system), FIRST)
+    measured = abs(weights(functions) * measured_responses(functions))
     half = measured @ measured / 2 if known else np.inf  # more of what was measured must follow the lattice
-    place = one.place(np.log(fit.factors), np.zeros(one.sites.ends[2]), FIRST)
+    place = one.place(np.log(fit.factors), np.zeros(one.sites.ends[2]))
     wide = fit.misfit / START if known else START
     while wide > 1 + 0.2 * known:
-        place, _ = one.descended(place, FIRST, one.noise * wide, FEW, ROUGH)
+        place = replace(one, noise=one.noise * wide).descended(place, FEW, ROUGH)
         wide /= LOWER
     found = one.of_most_evidence(place, known)
     if found is None:

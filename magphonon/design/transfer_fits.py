@@ -23,7 +23,7 @@ from scipy import sparse
 from scipy.optimize import least_squares
 
 from ..errors import Unstable
-from ..response.frf import Dof, base_force, frequency_response, resolvents
+from ..response.frf import Dof, base_force, resolvents
 from ..response.normal_modes import refuse_unstable
 from ..response.transfer_functions import TransferFunction
 from ..stiffness.matrices import Model
@@ -44,7 +44,6 @@ FAR = 2.0  # mean squared residual, in units of the noise, above which a fit wit
 MOST_SCATTER = 0.1  # largest scatter of strengths: a lattice that needs more is not this model
 MOST_TRIES = 200  # steps of any fit
 DENSE = 1500  # free directions up to which all modes cost less than factors at each of some hundred frequencies
-ACCURATE = 1e-6  # tolerance of responses, in the largest of them; noise is a thousand times as large
 
 
 class ParametricLattice(NamedTuple):
@@ -103,25 +102,6 @@ class TransferFit(ParameterFit):
         return super().freedom - len(self.sites)
 
 
-def responses(built: ParametricLattice, functions: Sequence[TransferFunction]) -> NDArray[np.complex128]:
-    """Responses of a lattice for all functions, one after the other, in mm/N or per displacement of the bench.
-
-    Each function has the Dof where it is seen, and the Dof of its force or the direction in which the bench is shaken.
-    """
-    omega, where = _frequencies(functions)
-    seen = np.unique([_place(one).particle for one in functions])
-
-    @lru_cache
-    def under(push):
-        return frequency_response(built.system, np.frombuffer(push).reshape(-1, 3), omega, built.damping, seen, ACCURATE).response
-
-    found = []
-    for one, k in zip(functions, where, strict=True):
-        y = under(_push(built.system, one.drive).tobytes())[k, np.searchsorted(seen, _place(one).particle)]
-        found.append(_relative_to_drive(one, y @ _place(one).direction))
-    return np.concatenate(found)
-
-
 class Solved(NamedTuple):
     """One computed transfer function: frequencies, h without gain, and displacements in a basis, shape (frequencies, basis).
 
@@ -136,9 +116,13 @@ class Solved(NamedTuple):
 
 
 def solved(built: ParametricLattice, functions: Sequence[TransferFunction], widened: float = 0.0) -> tuple[Any, list[Solved]]:
-    """A basis of displacements, shape (particles * dim, basis), and each function in it, with `widened` more damping in 1/ms."""
+    """A basis of displacements, shape (particles * dim, basis), and each function in it, with `widened` more damping in 1/ms.
+
+    Each function has the Dof where it is seen, and the Dof of its force or the direction in which the bench is shaken.
+    """
     system, dim = built.system, built.system.dim
-    omega, where = _frequencies(functions)
+    omega, where = np.unique(np.concatenate([one.omega for one in functions]), return_inverse=True)
+    where = np.split(where, np.cumsum([len(one.omega) for one in functions])[:-1])
     ends = [(_place(one).force(len(system)), _push(system, one.drive)) for one in functions]
     forces = {force.tobytes(): force for both in ends for force in both}
     basis, found = _fields(system, [*forces.values()], omega, built.damping + widened)
@@ -180,12 +164,6 @@ def _slopes(solved, names, M, stiff, damping, widened):
         of = {name: w**2 * slope for name, slope in of.items()}
     of['gain'] = h
     return np.reshape([of[name] for name in names], (len(names), len(w)))
-
-
-def _frequencies(functions):
-    """All different frequencies, and the indices of those of each function among them."""
-    omega, where = np.unique(np.concatenate([one.omega for one in functions]), return_inverse=True)
-    return omega, np.split(where, np.cumsum([len(one.omega) for one in functions])[:-1])
 
 
 def _place(function) -> Dof:

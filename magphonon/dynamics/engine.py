@@ -471,7 +471,7 @@ class Blocks:
         from .kernel import Some
 
         order, slots, first = self._special[n]
-        return Some(slots, first, values[:, order].astype(self._dtype))
+        return Some(slots, first, values[:, order].astype(self._dtype, order='C'))  # numba compiles for each order of axes
 
     def _run(self, times):
         """Fill the spare state with the state at the end of the block; returns whether a bond was beyond the law."""

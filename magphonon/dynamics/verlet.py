@@ -284,15 +284,13 @@ class DrivenVerlet(VelocityVerlet):
         ASE's own iterator yields at every step. If you need each step, attach an observer, use a `Recorder`, or engine='ase'.
         """
         self.max_steps, self._counted = self.nsteps + steps, self.nsteps
-        work = (len(self.atoms) + BESIDE) * steps * self.splitting.stages
-        long = self._blocks is not None or (work >= COMPILING_PAYS and can_compile())
-        self._prepare(long)
+        self._prepare(steps)
         if self.nsteps == 0:
             self.log()
             self.call_observers()
         yield self.nsteps == self.max_steps
         while self.nsteps < self.max_steps:
-            self._prepare(long)  # observers, and who iterates, may have changed any setting
+            self._prepare(steps)  # observers, and who iterates, may have changed any setting
             try:
                 if self._blocks is None:
                     self._one_step()
@@ -408,9 +406,14 @@ class DrivenVerlet(VelocityVerlet):
         finally:
             self._blocks.follow()
 
-    def _prepare(self, long):
-        """If any setting has changed, choose the engine and refuse an unstable step; a `long` run is worth compiling for."""
-        now, (before, *was), rough = self._setting(), self._prepared, self._roughness
+    def _repays(self, steps):
+        """Whether a run of so many steps, of the present order, is worth loading compiled code, or that is loaded already."""
+        work = (len(self.atoms) + BESIDE) * steps * self.splitting.stages
+        return self._blocks is not None or (work >= COMPILING_PAYS and can_compile())
+
+    def _prepare(self, steps):
+        """If any setting has changed, choose the order and engine of a run of `steps`, and refuse an unstable step."""
+        now, (before, *was), rough, long = self._setting(), self._prepared, self._roughness, self._repays(steps)
         if now == before and [long, rough] == was:
             return
         if now != before:
@@ -419,7 +422,7 @@ class DrivenVerlet(VelocityVerlet):
             refuse_order(self.atoms, self.splitting)
         if rough and self.asked_order is None:
             self.splitting = SPLITTINGS[self._order()]
-            now = self._setting()
+            now, long = self._setting(), self._repays(steps)
         self.engine = _engine_for(self.atoms, self.asked_engine, long)
         if now == before and self._blocks is not None and self.engine != 'ase':  # all that changes is the kernel
             self._blocks.use(rough)

@@ -2,15 +2,13 @@ from .fits import Fit as Fit, SharedErrors as SharedErrors, fit_forces as fit_fo
 from .force_tables import Forces as Forces, read_forces as read_forces
 from .magnet_pairs import (
     MagnetLaw as MagnetLaw,
-    SphereLaw as SphereLaw,
     calibrated as calibrated,
     magnet_law as magnet_law,
     pair_force as pair_force,
 )
-from .magnets import Cuboid as Cuboid, Ring as Ring, Sphere as Sphere, moment as moment
+from .magnets import Cuboid as Cuboid, Ring as Ring, moment as moment
 from .members import Cable as Cable, Spring as Spring
 from .pair_laws import (
-    Attraction as Attraction,
     InversePower as InversePower,
     Overlap as Overlap,
     PairInteraction as PairInteraction,

@@ -127,13 +127,14 @@ class Fit:
     force, exponent : float
         f(r0) in N, and a(r0) = -d ln f/d ln r.
     covariance : ndarray, shape (2, 2)
-        Covariance of ln f and a, including the gain of the load cell.
-    wide : float
-        Half width of a 95 % interval in standard deviations, by Student's distribution if the noise is learned from the table.
+        Covariance of ln f and a, including the gain of the load cell. Noise that is learned from the table counts as much more as
+        Student's distribution is wider than the normal one.
     shares : dict of str to float
         Shares of the variance of the slope by their cause; they add up to one.
     zeros : ndarray, shape (4,)
         The fitted errors of the table: F0 in N, d in mm, h in N and b in mm.
+    zero_sigma : float
+        Standard uncertainty of F0 in N, which is subtracted from every row.
     weight : float
         Weight of the named shape against the free curve; 0 if no shape is named.
     conflicts : ndarray, shape (4,)
@@ -154,9 +155,9 @@ class Fit:
     force: float
     exponent: float
     covariance: NDArray[np.float64]
-    wide: float
     shares: dict[str, float]
     zeros: NDArray[np.float64]
+    zero_sigma: float
     weight: float
     conflicts: NDArray[np.float64]
     pair: float
@@ -174,7 +175,7 @@ class Fit:
     def half_widths(self) -> NDArray[np.float64]:
         """Half widths of the 95 % intervals of ln f, ln(-f') and a."""
         turns = np.array([[1, 0], [1, 1 / self.exponent], [0, 1]])
-        return self.wide * np.sqrt(np.einsum('ta,ab,tb->t', turns, self.covariance, turns))
+        return NORMAL * np.sqrt(np.einsum('ta,ab,tb->t', turns, self.covariance, turns))
 
     @property
     def intervals(self) -> NDArray[np.float64]:
@@ -227,9 +228,10 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
         raise ValueError(f'the smallest distance, {forces.r.min() / u.m:g} m, lies within the error of the zero of distances; '
                          'check its unit, or remove the point')
     return Fit(law=average.law(min(nearest, spacing), max(farthest, spacing), spacing), spacing=float(spacing),
-               force=float(np.exp(ln_f)), exponent=float(a), covariance=covariance, wide=average.wide(known),
-               shares=average.shares, zeros=best.p[ZEROS], weight=average.weight(shape), conflicts=best.conflicts,
-               pair=shared.pair or 0.0, drift=average.weight_of_drift,
+               force=float(np.exp(ln_f)), exponent=float(a), covariance=covariance,
+               shares=average.shares, zeros=best.p[ZEROS],
+               zero_sigma=float(np.sqrt(best.covariance[FORCE_ZERO, FORCE_ZERO])), weight=average.weight(shape),
+               conflicts=best.conflicts, pair=shared.pair or 0.0, drift=average.weight_of_drift,
                scatter=float(best.size) if known else 1.0, residuals=best.residuals, noise=best.noise)
 
 
@@ -333,11 +335,12 @@ class _Model:
 
 @dataclass(frozen=True)
 class _Solution:
-    """Parameters of a model, their covariance, the rows' noise and residuals, and the logarithm of the evidence."""
+    """Parameters of a model, their covariance, the noise of the rows and whether it is known, residuals, and ln evidence."""
 
     model: _Model
     p: np.ndarray
     C: np.ndarray
+    known: bool
     freedom: float
     noise: np.ndarray
     residuals: np.ndarray
@@ -349,6 +352,15 @@ class _Solution:
     def answer(self):
         """The estimates of ln f(r0) and a(r0)."""
         return self.model.ln_size + self.p[0], -float(self.model.curve(self.p, np.array([self.model.family.r0]))[2][0])
+
+    @property
+    def covariance(self):
+        """Covariance of the parameters; only its part by noise is wider where that is learned from a few rows."""
+        from scipy.stats import t
+
+        by_prior = self.C / self.model.prior
+        told, student = by_prior @ by_prior.T, 1.0 if self.known else t.ppf((1 + COVERED) / 2, self.freedom) / NORMAL
+        return told + student**2 * (self.C - told)
 
     @property
     def conflicts(self):
@@ -364,7 +376,7 @@ class _Solution:
         """
         by_prior = (turn @ self.C[:2] / self.model.prior) ** 2
         return np.array([by_prior[CURVE].sum(), *by_prior[ZEROS], by_prior[ZEROS.stop:].sum(),
-                         turn @ self.C[:2, :2] @ turn - by_prior.sum()])
+                         turn @ self.covariance[:2, :2] @ turn - by_prior.sum()])
 
 
 @dataclass(frozen=True)
@@ -393,7 +405,7 @@ class _Average:
     @property
     def covariance(self):
         """Covariance of ln f and a."""
-        own = np.einsum('i,iab->ab', self.weights, [one.C[:2, :2] for one in self.found])
+        own = np.einsum('i,iab->ab', self.weights, [one.covariance[:2, :2] for one in self.found])
         return own + self.apart + np.diag([self.gain**2, 0.0])
 
     @property
@@ -403,12 +415,6 @@ class _Average:
         causes = np.append(self.weights @ [one.causes(turn) for one in self.found], self.gain**2)
         causes[0] += turn @ self.apart @ turn
         return dict(zip(CAUSES, (causes / causes.sum()).tolist(), strict=True))
-
-    def wide(self, known):
-        """Half width of a 95 % interval in standard deviations; the noise may be `known` from the table."""
-        from scipy.stats import t
-
-        return NORMAL if known else float(t.ppf((1 + COVERED) / 2, self.weights @ [one.freedom for one in self.found]))
 
     def weight(self, shape):
         """Weight of the solutions whose law has this shape."""
@@ -502,7 +508,7 @@ def _solved(model, forces, noise, drift=0.0, near=None):
             size *= scatter
     evidence = -0.5 * (2 * np.log(sigma).sum() + np.log1p(S**2).sum() + 2 * found.cost + np.linalg.slogdet(precision)[1]
                        + 2 * np.log(prior).sum() + (0.0 if known else np.log(freedom)))
-    return _Solution(model, p, C, freedom, sigma, e, evidence, size, drift)
+    return _Solution(model, p, C, known, freedom, sigma, e, evidence, size, drift)
 
 
 def _log_law(law: PairLaw, r0: float) -> Callable:
@@ -529,7 +535,7 @@ def scene_entry(fit: Fit) -> str:
     >>> scene_entry(fit).splitlines()[0]
     '[law]'
     """
-    (f, f_a), (_, a) = fit.covariance * (fit.wide / NORMAL) ** 2
+    (f, f_a), (_, a) = fit.covariance
     reach = fit.law.r[-1] / fit.spacing
     return '\n'.join([
         '[law]', f'# a smooth curve through measured forces, for a spacing of {fit.spacing / u.m:g} m',

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from .. import units
 from ..errors import finite, positive
 from .law_cards import Card, Kind, Parameter
-from .magnets import Cuboid, Ring, Sphere, _side_by_side, moment
-from .pair_laws import Composed, InversePower, repulsion
+from .magnets import Cuboid, Ring, _side_by_side, moment
+from .pair_laws import repulsion
 
 CLEARANCE = 0.1
 """Smallest gap between two prisms, as a fraction of their width, for which the law is computed; closer to contact the
@@ -156,18 +156,6 @@ class MagnetLaw:
         return self.strength * r**-5.0 * self._factors[2](self._t(r))
 
 
-@dataclass(frozen=True)
-class SphereLaw(Composed, InversePower):
-    """Law of two equal spheres: that of point dipoles beyond `contact` (mm); below it raises ValueError."""
-
-    contact: float
-
-    card: ClassVar[Card] = Card(magnets=True)
-
-    def _part(self, name, r):
-        return getattr(InversePower, name)(self, _apart(r, self.contact))
-
-
 def _apart(r, nearest):
     """Return the distances; refuse those below `nearest`."""
     if not np.all(np.real(r) >= nearest):
@@ -177,7 +165,7 @@ def _apart(r, nearest):
 
 
 @lru_cache
-def magnet_law(magnet: Ring | Cuboid | Sphere) -> MagnetLaw | SphereLaw:
+def magnet_law(magnet: Ring | Cuboid) -> MagnetLaw:
     """Law of repulsion of two equal magnets side by side, magnetised normal to the plane.
 
     Raises
@@ -193,9 +181,6 @@ def magnet_law(magnet: Ring | Cuboid | Sphere) -> MagnetLaw | SphereLaw:
     >>> round(float(-law.dphi(10.0)), 3)  # N
     0.377
     """
-    if isinstance(magnet, Sphere):
-        dipoles = InversePower.dipoles(moment(magnet))
-        return SphereLaw(dipoles.b, dipoles.a, magnet.contact)
     nearest = magnet.contact + CLEARANCE * magnet.width
     return MagnetLaw(_strength(magnet), float(nearest), _series(replace(magnet, remanence=1.0), nearest))
 
@@ -219,7 +204,7 @@ def _series(magnet, nearest):
                      'use an inverse power with a = 2')
 
 
-def calibrated(magnet: Cuboid | Ring | Sphere, r: Any, f: float) -> Cuboid | Ring | Sphere:
+def calibrated(magnet: Cuboid | Ring, r: Any, f: float) -> Cuboid | Ring:
     """The magnet with the remanence that gives the measured force `f` (N) at the distance `r` (mm).
 
     Examples

@@ -15,7 +15,7 @@ For two magnets at one height the sum over faces is, with s = sqrt(d^2 + h^2) an
     G = 2 (h asinh(h/d) - h^2/(s + d))
 
 Integrals over rims use rules that converge exponentially with the number of points: equidistant points on a circle,
-Gauss's points on an edge.  The field outside a sphere is exactly that of a point dipole.
+Gauss's points on an edge.  The field outside a sphere is exactly that of a point dipole, `InversePower.dipoles(moment)`.
 """
 
 from __future__ import annotations
@@ -156,45 +156,13 @@ class Cuboid:
         return points, normals
 
 
-@dataclass(frozen=True)
-class Sphere:
-    """Sphere magnetised uniformly; `diameter` in mm, `remanence` in N/(A mm).
-
-    Examples
-    --------
-    >>> import math
-    >>> from magphonon import units as u
-    >>> from magphonon.interactions import Sphere
-    >>> from magphonon.interactions import moment
-    >>> ball = Sphere(5 * u.mm, remanence=1.3 * u.T)
-    >>> math.isclose(moment(ball), 1.3 * u.T * math.pi * 5**3 / 6 / u.mu0)
-    True
-    """
-
-    diameter: float
-    remanence: float
-
-    def __post_init__(self) -> None:
-        _check_lengths(self, 'diameter')
-
-    @property
-    def contact(self) -> float:
-        """Distance of the centres of two magnets that touch, mm."""
-        return self.diameter
-
-    @property
-    def volume(self) -> float:
-        """Volume in mm^3."""
-        return np.pi * self.diameter**3 / 6
-
-
 def _check_lengths(magnet, *names):
     for name in names:
         positive(name, getattr(magnet, name), 'mm')
     positive('remanence', magnet.remanence, 'N/(A mm)')
 
 
-def moment(magnet: Cuboid | Ring | Sphere) -> float:
+def moment(magnet: Cuboid | Ring) -> float:
     """Magnetic moment M V in A mm^2.
 
     Examples

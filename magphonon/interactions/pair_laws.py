@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .. import units
 from ..errors import finite, positive
-from .law_cards import Card, Kind, Parameter, card_of, exponent_change, screening_change
+from .law_cards import Card, Kind, Parameter, exponent_change, screening_change
 
 DEEPEST = 0.5
 """Largest overlap of two spheres as a fraction of their diameter.  Hertz' law holds for contacts small compared with the sphere,
@@ -222,8 +222,10 @@ class InversePower:
     a: float
 
     card: ClassVar[Card] = Card(magnets=True, kinds=(
-        Kind('inverse_power', parameters={'b': Parameter('b_N_m_a', power=1), 'force': Parameter('force_N', power=1),
-                                          'a': Parameter('a', change=exponent_change)}),
+        Kind('inverse_power', 'Force `b r^-a`.',
+             {'b': Parameter('b_N_m_a', 1.0, 'b of the force b r^-a in N m^a: the force times r^a', power=1),
+              'a': Parameter('a', 1.0, 'the exponent a of the force b r^-a', change=exponent_change)},
+             lambda b, a: InversePower(b * units.N * units.m**a, a)),
         Kind('dipoles', 'Point dipoles normal to the plane.',
              {'moment': Parameter('moment_A_m2', units.A * units.m**2, 'the magnetic moment of a particle in A m^2', power=2,
                                   examples=(0.01,))}, lambda moment: InversePower.dipoles(moment)),
@@ -569,29 +571,6 @@ def _warn_of_readings(r, f, spline):
                       'mm its '
                       f'spline has {table:.3g} N, the inverse power through these two {power:.3g} N; measure there, leave the '
                       'far reading out, or fit a law (magphonon.interactions.fit_forces)', stacklevel=4)
-
-
-@dataclass(frozen=True)
-class Attraction(Composed):
-    """A law with reversed sign: particles attract each other as strongly as they repel with the original law.
-
-    Examples
-    --------
-    >>> from magphonon import InversePower
-    >>> from magphonon.interactions import Attraction, repulsion
-    >>> float(repulsion(Attraction(InversePower(16.0, 4.0)), 2.0))
-    -1.0
-    """
-
-    repulsion: PairLaw
-
-    @property
-    def card(self) -> Card:
-        """The card of the original law, but without kinds, so that scenes cannot name it."""
-        return card_of(self.repulsion)
-
-    def _part(self, name, r):
-        return -getattr(self.repulsion, name)(r)
 
 
 def higher_derivatives(law: PairLaw, r: Any) -> tuple[Any, Any]:

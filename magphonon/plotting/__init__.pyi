@@ -16,4 +16,4 @@ from .response import (
 )
 from .structures import plot_lattice as plot_lattice, plot_patch as plot_patch
 from .waves import plot_snapshot as plot_snapshot, plot_wave as plot_wave
-from .zone import plot_ratio as plot_ratio, plot_zone as plot_zone
+from .zone import plot_zone as plot_zone

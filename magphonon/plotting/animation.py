@@ -1,10 +1,9 @@
-"""Motion of a structure as a film, GIF or MP4, on one scale from the first frame to the last."""
+"""Motion of a structure as a film, on one scale from the first frame to the last."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from importlib.util import find_spec
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,7 +14,7 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units
-from ..errors import finite, positive
+from ..errors import finite
 from ..stiffness.repulsion import repulsion_of
 from .axes import new_figure
 from .structures import draw_bonds, frame, mark_defects, seen_about, spacing
@@ -24,12 +23,13 @@ from .waves import bar_of_crests, draw_crests, main_axis, mark_site, visible
 if TYPE_CHECKING:
     from ..waves.wave_source import BurstSetup
 
-LONGEST = 0.35  # largest displacement in a film, as a fraction of the shortest bond, where no magnification is asked for
+LONGEST = 0.35  # largest displacement in a film, as a fraction of the shortest bond
 DOT = 0.6  # diameter of a particle in lengths of the shortest bond
 FRAMES = 24  # frames of one period of a mode
+PER_SECOND = 12
 
 
-def mode_frames(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) -> NDArray[np.float64]:
+def mode_frames(shape: ArrayLike, amplitude: float = 1.0) -> NDArray[np.float64]:
     """One period of a mode, as an argument of `animate`: the displacements `Re shape e^{-2 pi i t/T}`, shape (frames, particles,
     dim).
 
@@ -39,13 +39,12 @@ def mode_frames(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) 
         Shape of the mode in any unit, such as a row of `Modes.shapes`.
     amplitude : float
         Largest displacement of a particle in mm.
-    frames : int
     """
     shape = np.asarray(shape) if np.iscomplexobj(shape) else finite('shape', shape)
     largest = np.linalg.norm(shape, axis=-1).max()
     if not largest:
         raise ValueError('the shape moves nothing; choose a mode')
-    return np.real(np.multiply.outer(np.exp(-2j * np.pi * np.arange(frames) / frames), shape * amplitude / largest))
+    return np.real(np.multiply.outer(np.exp(-2j * np.pi * np.arange(FRAMES) / FRAMES), shape * amplitude / largest))
 
 
 def _moving(films, particles):
@@ -60,8 +59,7 @@ def _moving(films, particles):
 
 
 def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike | Mapping[str, ArrayLike],
-            times: ArrayLike | None = None, *,
-            magnification: float | None = None, title: str = '', fps: float = 12, site: BurstSetup | None = None,
+            times: ArrayLike | None = None, *, title: str = '', site: BurstSetup | None = None,
             centre: ArrayLike | None = None, defects: ArrayLike = ()) -> float:
     """Write a film of moving particles, with the same scale in every frame and the magnification in the title.
 
@@ -71,7 +69,7 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike | 
     Parameters
     ----------
     path : path-like
-        Ends in `.gif`, or in `.mp4`, which needs ffmpeg or the package imageio-ffmpeg.
+        Ends in `.gif`.
     atoms : ase.Atoms
         A planar structure with its PairCalculator, at the positions from which displacements are measured.
     displacements : array_like, shape (frames, particles, dim), or mapping from titles to such arrays
@@ -79,11 +77,7 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike | 
         such as one for each model, run side by side, each 500 pixels wide.
     times : array_like, shape (frames,), optional
         In ms, shown in s.
-    magnification : float, optional
-        Factor by which displacements are drawn larger; by default the largest is drawn as a third of the shortest bond.
     title : str
-    fps : float
-        Frames per second.
     site : BurstSetup, optional
         If given, the particles where a burst enters and is measured are marked.
     centre : array_like, shape (2,), optional
@@ -94,17 +88,17 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike | 
     Returns
     -------
     float
-        The magnification.
+        Factor by which displacements are drawn larger: the largest is drawn as a third of the shortest bond.
     """
-    from matplotlib.animation import FuncAnimation
+    from matplotlib.animation import FuncAnimation, PillowWriter
 
     path, films = Path(path), displacements if isinstance(displacements, Mapping) else {'': displacements}
     u, largest = _moving(films, len(atoms))
     moments = None if times is None else finite('times', times, u.shape[1:2])
-    positive('fps', fps, '1/s')
     bond = repulsion_of(atoms).bonds.lengths.min()
-    factor = LONGEST * bond / largest if magnification is None else positive('magnification', magnification)
-    writer = _writer(path, fps)
+    factor = LONGEST * bond / largest
+    if path.suffix.lower() != '.gif':
+        raise ValueError(f'{path.name} must end in .gif')
     seen, axis = seen_about(atoms, centre), main_axis(u)
     rest = seen.positions[:, :2]
     wide, high = np.ptp(rest, axis=0) + 2 * bond
@@ -135,27 +129,10 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike | 
     figure.set_layout_engine('none')  # the axes stand still
     try:
         with TemporaryDirectory(prefix='.film-', dir=path.parent) as folder:
-            whole = Path(folder) / f'film{path.suffix.lower()}'
+            whole = Path(folder) / 'film.gif'
             film = FuncAnimation(figure, show, frames=u.shape[1])
-            film.save(whole, writer=writer, dpi=100)
+            film.save(whole, writer=PillowWriter(fps=PER_SECOND), dpi=100)
             os.replace(whole, path)
     except OSError as error:
         raise type(error)(f'{path} cannot be written ({error.strerror}); choose another place') from None
     return float(factor)
-
-
-def _writer(path, fps):
-    from matplotlib import rcParams
-    from matplotlib.animation import FFMpegWriter, PillowWriter
-
-    if path.suffix.lower() == '.gif':
-        return PillowWriter(fps=fps)
-    if path.suffix.lower() != '.mp4':
-        raise ValueError(f'{path.name} must end in .gif or .mp4')
-    if not FFMpegWriter.isAvailable():
-        if find_spec('imageio_ffmpeg') is None:
-            raise ValueError(f'{path.name}: nothing here writes MP4; install ffmpeg or imageio-ffmpeg, or write a .gif')
-        from imageio_ffmpeg import get_ffmpeg_exe  # pyright: ignore[reportMissingImports]  which need not be there
-
-        rcParams['animation.ffmpeg_path'] = get_ffmpeg_exe()
-    return FFMpegWriter(fps=fps)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from .. import __version__, units
-from ..bands.zone import first_zone
+from ..bands.bloch import first_zone
 from ..interactions.pair_laws import InversePower
 from ..stiffness.rest import freedom
 from ..traits import Tool, refuse

@@ -10,8 +10,7 @@ from ase.dft.kpoints import BandPath
 from numpy.typing import NDArray
 
 from .. import units
-from ..bands.bloch import bloch_modes, branch_names
-from ..bands.zone import first_zone
+from ..bands.bloch import bloch_modes, branch_names, first_zone
 from .axes import COLOURS, PREFIXES, label_frequencies, legend_of_set, letter_panels, panels, prefix_power
 from .bands import label_path
 from .waves import LINES, POWER, FLOOR_dB

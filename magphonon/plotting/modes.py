@@ -10,7 +10,6 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units
-from ..bands.zone import ROUND_OFF
 from .axes import COLOURS, in_house_style, label_frequencies, label_places, legend_above, legend_of_set, new_axes, point_name
 from .bands import mode_names
 from .structures import FREE, SIZE, draw_bonds, draw_particles, frame, in_cells, mark_defects, seen_about, spacing, window
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from ..bands.bands import Bands
     from ..response.normal_modes import Localisation
 
+ROUND_OFF = 1e-6  # difference of equal frequencies, as a fraction of the highest: the square root of a rounded eigenvalue
 ARROW = 0.39  # longest arrow of a mode shape of a lattice in bond lengths
 # Of a mode of a patch: the longest arrow in bond lengths, and the fraction of it below which no arrow is drawn.
 LONG_ARROW, STILL = 1.4, 0.03

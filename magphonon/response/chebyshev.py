@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
@@ -56,6 +57,7 @@ LARGE = 8000
 """Number of free directions from which a stencil repays the 0.4 s that it takes to load: a response at 100 frequencies does from
 5000 on, a density of states from 20 000 on.  Once it is loaded it is 3 to 7 times as fast as a sparse matrix for any of them."""
 BATCH = 2**22  # number of cosines computed at a time
+CHANCE = 1e-9  # probability that a random vector does not show a negative eigenvalue
 
 
 class Outside(ArithmeticError):
@@ -218,6 +220,24 @@ def moments(X2: Matrix | Stencil, s: NDArray[np.float64], count: int) -> NDArray
     mu = np.empty((count, s.shape[1]))
     mu[::2], mu[1::2] = 2 * squared[:terms] - squared[0], 2 * crossed[1 : terms + 1] - crossed[1]
     return mu
+
+
+def none_negative(K: Products, size: int, most: int) -> bool:
+    """Whether products of K with one random vector, `most` at the most, show that no eigenvalue is negative.
+
+    If all eigenvalues lay between `low` > 0 and the top, no T_n(X) s would be longer than s.  The part of s along the mode of a
+    negative one grows at least as cosh(n arccosh(1 + 2 low/(top - low))).  That of a normal s is above CHANCE at first, except
+    with this probability, so enough products show it.  If s grows, `low` was too high, or K is not positive: False if `most`
+    products cannot tell these apart, which leaves it to a factorisation.
+    """
+    s, top = np.random.default_rng(0).normal(size=(size, 1)), _products(K).row_sum
+    low, enough = top / 8, np.arccosh(LARGEST_GROWTH * np.linalg.norm(s) / CHANCE)
+    while (count := int(enough / np.arccosh(1 + 2 * low / (top - low))) + 1) <= most:
+        with suppress(Outside):
+            _moments_on(Interval(low, top), _products(K), [s], 2 * count, None)
+            return True
+        low /= 4
+    return False
 
 
 def jackson(count: int) -> NDArray[np.float64]:

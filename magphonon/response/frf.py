@@ -18,13 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from tqdm import tqdm
 
-from ..errors import finite, one_of, positive, refuse_memory
+from ..errors import finite, positive, refuse_memory
 from ..results import InHertz, Saved
 from ..stiffness.factors import inverse
 from ..stiffness.plausibility import asked_frequencies, site_damping
 from ..stiffness.rest import LinearSystem, components, refuse_held
 from ..traits import LIKE, LINEAR, takes
-from .chebyshev import BLOCK, Matrix, chebyshev_blocks, products_of, sizes, stable_interval
+from .chebyshev import BLOCK, Matrix, chebyshev_blocks, none_negative, products_of, sizes, stable_interval
 from .normal_modes import SMALL, refuse_growing, refuse_unstable
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ CAUTION, WIDTH, STILL, LARGE = 3.0, 0.3, 1e-3, 0.1
 cycles, as a fraction of its carrier; the fraction of the carrier that counts as zero; the displacement, in shortest bonds, from
 which on no motion counts as linear."""
 ON_GRID = 8  # products by a stencil that take as long as one by a sparse matrix
+DEFINITE = 8  # a factorisation by CHOLMOD, which proves stability, takes this many times less than one of a complex matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +290,7 @@ def _steady(system, force, omega, rates, particles, tolerance, stiffer):
         if _series_length(_inner(_scaled(K, omega, gamma)[1]), tolerance) > factorisation * len(omega):
             error = np.full(len(omega), np.inf)
         else:
-            if isinstance(K, Matrix) or not K.proves_stable:
+            if not none_negative(K, len(s), int(factorisation / DEFINITE)):
                 refuse_unstable(system)
             u[..., : system.dim], error, _ = series_response(system, s, omega, gamma, particles, tolerance, K)
     lost = error > tolerance * abs(u).max(axis=(1, 2), initial=0.0)
@@ -309,7 +310,7 @@ class Transmissibility(FrequencyResponse, kind='transmissibilities', units={
 
 @takes(*LINEAR)
 def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], answer: Dof, omega: ArrayLike,
-               damping: ArrayLike, gyration_seen_from: str = 'bench', stiffer: ArrayLike | None = None) -> FrequencyResponse:
+               damping: ArrayLike, stiffer: ArrayLike | None = None) -> FrequencyResponse:
     """Displacement of one particle per harmonic force on one particle, each along its own direction.
 
     Parameters
@@ -320,13 +321,10 @@ def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], a
         A Dof says where the force acts.  An array (particles, 3) gives the displacements of `walls` as in `frequency_response`.
         A vector is the direction d in which the whole bench is shaken by u_b, with walls and feet of pillars.
         Relative to the bench the displacements w obey `M w'' + gamma M w' + H w = -M d u_b''`: held particles are at rest, and
-        damping is relative to the bench.  The response is seen from the floor: w plus the motion of the bench.
+        damping and gyration depend on w', as for gyroscopes on pillars.  The response is seen from the floor: w plus the motion
+        of the bench.
     answer : Dof
         Particle and direction of the displacement that is returned.
-    gyration_seen_from : {'bench', 'floor'}
-        Which velocity the force of gyration depends on if the bench is shaken. With 'bench' it is w', as for gyroscopes on
-        pillars. With 'floor' it is the velocity seen from the floor, as on a rotating bench or for charges in a field; the
-        equation then has + M g J d u_b' on the right.
 
     Returns
     -------
@@ -357,19 +355,16 @@ def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], a
     source = np.asarray(source)
     if source.ndim == 2:
         return Transmissibility(omega, seen(None, source))
-    relative = omega**2 * seen(base_force(system, source))
-    if one_of('gyration_seen_from', gyration_seen_from, ('bench', 'floor')) == 'floor' and system.turning:
-        relative = relative + 1j * omega * seen(base_force(system, -system.rate @ source[: system.dim]))
-    return Transmissibility(omega, answer.direction @ source + relative)
+    return Transmissibility(omega, answer.direction @ source + omega**2 * seen(base_force(system, source)))
 
 
 def base_force(system: LinearSystem, direction: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mass times direction for each particle in g, shape (particles, 3), projected on what the constraints leave free.
 
-    `direction` is that in which the bench is shaken, one for all sites or one for each.
+    `direction` is that in which the bench is shaken.
     """
     force, P, dim = np.zeros((len(system), 3)), system.free, system.dim
-    force[:, :dim] = (P @ (P.T @ (system.masses[:, None] * direction[..., :dim]).ravel())).reshape(-1, dim)
+    force[:, :dim] = (P @ (P.T @ (system.masses[:, None] * direction[:dim]).ravel())).reshape(-1, dim)
     return force
 
 

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from ..dynamics.kernel import OPTIONS, kept, vectorise, written_out
 from ..dynamics.memory_layout import LINE, RUN, aligned_zeros, arrange, runs_of
-from ..stiffness.bloch_bound import multiples, no_wave_grows
 
 if TYPE_CHECKING:
     from ..stiffness.rest import LinearSystem
@@ -53,12 +52,8 @@ class Stencil:
         Offset in slots of each group of bonds.
     row_sum : float
         The largest sum of the moduli in a row, which is an upper bound of the highest eigenvalue.
-    R : ndarray, shape (groups, 2)
-        Rest vector of a bond of each group, mm.
     D, A : ndarray, shape (3, 1) and (3, groups), or (3, 1, slots) and (3, groups, slots)
         Components xx, xy, yy.
-    scatter : float
-        Bound of the change of an eigenvalue because bonds are treated as equal; infinite if they are not.
     """
 
     places: np.ndarray
@@ -67,24 +62,8 @@ class Stencil:
     lag: int
     offsets: tuple[int, ...]
     row_sum: float
-    R: np.ndarray
     D: np.ndarray
     A: np.ndarray
-    scatter: float
-
-    @property
-    def proves_stable(self) -> bool:
-        """Whether Bloch waves prove that no eigenvalue is negative; always False if bonds differ.
-
-        All pairs of free slots at the offset of a group are bonded, so K is a block of the matrix of an infinite row of slots.
-        The waves of this row are among those of a lattice, if the offsets are linear in the lattice steps of the groups.
-        """
-        if self.D.ndim == 3 or (c := multiples(self.R)) is None:
-            return False
-        offsets, K = np.array(self.offsets), np.moveaxis(-self.A[[[0, 1], [1, 2]]], 2, 0)
-        base = np.rint(np.linalg.lstsq(c, offsets.astype(float))[0])
-        springs = self.D[[[0, 1], [1, 2]], 0] - 2 * K.sum(axis=0)
-        return np.array_equal(c @ base, offsets) and no_wave_grows(springs, c, K, self.scatter)
 
     def enter(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Vectors of coordinates, shape (free, columns), arranged in slots, shape (columns, 2, slots)."""
@@ -96,8 +75,7 @@ class Stencil:
         """The stencil of the matrix `factor * (K - shift)`."""
         D = self.D.copy()
         D[::2] -= shift
-        return replace(self, D=factor * D, A=factor * self.A, row_sum=abs(factor) * self.row_sum,
-                       scatter=abs(factor) * self.scatter)
+        return replace(self, D=factor * D, A=factor * self.A, row_sum=abs(factor) * self.row_sum)
 
     def advance(self, x: NDArray[np.float64], y: NDArray[np.float64], count: int = 1, rows: Any = (),
                 taken: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
@@ -153,20 +131,17 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
     runs = margin + runs_of(layout.slot)
     above = np.searchsorted(runs[:, 0], runs[:, 1] + offsets.max()) - 1  # the last run that a bond of each one reaches
     lag = int((above - np.arange(len(runs))).max(initial=1))
-    R = layout.R[[(layout.group == g).argmax() for g in range(len(offsets))]]
-    return Stencil(places, free, runs.astype(np.uint64), lag, tuple(map(int, offsets)), float(row_sum), R,
-                   *(shared or (D, K, np.inf)))
+    return Stencil(places, free, runs.astype(np.uint64), lag, tuple(map(int, offsets)), float(row_sum), *(shared or (D, K)))
 
 
 def _shared(D, A, free, offsets, error):
-    """One D, one A of each group, and a bound of the shift of an eigenvalue by their scatter; or None unless all free slots have
-    the same D and A, and all pairs of free slots at the offset of a group are bonded.
+    """One D and one A of each group; or None unless all free slots have the same D and A, and all pairs of free slots at the
+    offset of a group are bonded.
     """
     every = [D[:, 0, free > 0], *(A[:, g, :-o][:, free[:-o] * free[o:] > 0] for g, o in enumerate(offsets))]
     of_all = np.array([x[:, 0] if x.size else np.zeros(3) for x in every]).T
-    apart = np.array([abs(x - x[:, :1]).max(initial=0.0) for x in every])
-    alike = apart.max() <= error * abs(of_all).max()
-    return (of_all[:, :1], of_all[:, 1:], 2 * apart[0] + 4 * apart[1:].sum()) if alike else None
+    alike = max(abs(x - x[:, :1]).max(initial=0.0) for x in every) <= error * abs(of_all).max()
+    return (of_all[:, :1], of_all[:, 1:]) if alike else None
 
 
 def _unrolled(arguments, expression):

@@ -8,20 +8,21 @@ whatever number of shells or start the scene names.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import product
+from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import softmax
 
 from .. import units as u
 from ..bands.bloch import wavevectors
 from ..bands.neighbours import REACHES
 from ..design.dispersion_fits import Bands, DispersionFit, Shells, fit_dispersion, residuals_of
-from ..design.least_squares import mixed_interval, weights_of
+from ..design.least_squares import mixed_interval
 from ..design.sensitivities import LawDerivative, StiffnessDerivative, force_change
 from ..errors import one_of
 from ..interactions.fits import EXPONENT as CENTRE, RATES, FamilyLaw, LawFamily
@@ -55,6 +56,7 @@ NEAREST, ALL = 'nearest neighbours alone', 'all neighbours'
 """Which neighbours act in each of the fits that are weighed against each other."""
 ANY_EXPONENT = 4.5, 3.0
 """Exponent of an inverse power before anything is measured, and its standard deviation."""
+SAME = 1e-9  # relative difference of numbers that were only written in other units
 EXPONENT = 'exponent'  # of a table of forces: a parameter of a fit that is not reported
 BENDS = tuple(f'bend {k + 1}' for k in range(len(RATES)))  # nor are those by which a law departs from an inverse power
 FROM, KNOTS = 0.5, 48  # of the table of such a law: its first distance in spacings, and their number
@@ -100,7 +102,7 @@ class BandFits:
         """Weight of each of the fits of a model, which add up to one."""
         parts = self.parts[one_of('model', model, MODELS)]
         scale = min(fit.scatter for fit in parts.values())
-        return dict(zip(parts, weights_of([fit.log_evidence(scale) for fit in parts.values()]).tolist(), strict=True))
+        return dict(zip(parts, softmax([fit.log_evidence(scale) for fit in parts.values()]).tolist(), strict=True))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -302,6 +304,8 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     names = free_names(have, fixed, priors)
     if not names:
         raise ValueError('all parameters are fixed; leave one of them free')
+    refuse_copies((name, np.array([points.xi, points.sigma_xi, points.omega, points.sigma_omega])[:, points.ridge == k])
+                  for k, name in enumerate(points.names) if name not in without)
     own, _ = _divided(points, without)
     _refuse_two_springs(own, [name for name in names if name not in priors])
     near = scene.with_shells(1).perfect_cell()
@@ -372,6 +376,15 @@ def _divided(points, without):
     if out.all():
         raise ValueError('all ridges are omitted; keep some of them')
     return points[~out].independent, points[out].independent
+
+
+def refuse_copies(records: Iterable[tuple[str, ArrayLike]]) -> None:
+    """Raise ValueError if two records, each of a name and its numbers, are one in another order or in other units."""
+    ordered = [(name, np.sort(numbers, axis=None)) for name, numbers in records]
+    for (first, one), (name, other) in combinations(ordered, 2):
+        if 0 < one.size == other.size and np.allclose(one, other, SAME, 0.0):
+            raise ValueError(f'{first} and {name} hold the same numbers, whose noise would count as independent; give only one '
+                             'of them')
 
 
 def _refuse_two_springs(points, free):
@@ -445,10 +458,8 @@ def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:
     L = scene.lattice.spacing_m * u.m
     strength = FITTED[scene.law.kind].strength
     power = FITTED[scene.law.kind].parameters[strength].power
-    if getattr(scene.law, 'force_N', None) is not None:
-        strength, power = 'force', 1
     wanted = repulsion(scene.law.potential(), L) * factors.get('force', 1.0)
-    scene = varied(scene, {name: factor for name, factor in factors.items() if name in {EXPONENT, *PLACES} - {'force'}})
+    scene = varied(scene, {name: factor for name, factor in factors.items() if name in {EXPONENT, *PLACES}})
     scene = varied(scene, {strength: (wanted / repulsion(scene.law.potential(), L)) ** (1 / power)})
     springs = {SPRINGS[name]: factor for name, factor in factors.items() if name in SPRINGS}
     if springs and scene.foundation and scene.foundation.pillar:

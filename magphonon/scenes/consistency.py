@@ -132,9 +132,6 @@ def _frf(scene: Scene) -> None:
         return
     if frf.response is None or (frf.force is None) == (frf.base_deg is None):
         raise ValueError('frf needs [frf.response], and either [frf.force] or base_deg, for a shaken bench')
-    if frf.base_deg is not None and scene.turns:
-        raise ValueError('frf.base_deg: on a shaken bench gyration may be seen from the bench or from the floor; use '
-                         'magphonon.response.receptance with gyration_seen_from in Python')
 
 
 def _sizes(scene: Scene, calc: Repulsion) -> None:

@@ -17,7 +17,7 @@ from .. import units as u
 from ..design.least_squares import MOST_FACTOR
 from ..design.misreadings import misreading
 from ..design.site_unknowns import with_site_unknowns
-from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer, responses, roughly_left
+from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer, roughly_left, solved
 from ..errors import PhysicsError, not_negative, one_of
 from ..response.frf import Dof
 from ..stiffness.matrices import MODELS, Model
@@ -170,7 +170,7 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     if not_negative('gain_sigma', gain_sigma):
         names, priors['gain'] = (*names, 'gain'), (1.0, gain_sigma)
     relative, own = _relative_priors(scene, priors, fixed), with_dofs(scene, functions)
-    _refuse_copies(own)
+    band_fits.refuse_copies((one.name, [one.omega, abs(one.response)]) for one in own)
     fits, start = {}, None
     build = {model: partial(_built, scene, model) for model in MODELS}
     for model in MODELS:  # D0 alone starts where the complete model ends
@@ -188,15 +188,6 @@ def _relative_priors(scene, priors, fixed=()):
     """The priors, as factors of the present values and relative standard uncertainties."""
     return {name: (value, sigma) if name == 'gain' else
             band_fits.relative_prior(name, value_of(scene, name), value, sigma, fixed) for name, (value, sigma) in priors.items()}
-
-
-def _refuse_copies(functions):
-    seen = {}
-    for one in functions:
-        first = seen.setdefault((one.omega.tobytes(), one.response.tobytes()), one)
-        if first is not one:
-            raise ValueError(f'{first.name} and {one.name} hold the same numbers, whose noise would count as independent; '
-                             'give only one of them')
 
 
 def missing_magnet(found: FrfFits) -> NDArray[np.float64] | None:
@@ -237,8 +228,7 @@ def responses_of(scene: Scene, model: Model, functions: Sequence[TransferFunctio
                  factors: Mapping[str, float] | None = None) -> list[NDArray[np.complex128]]:
     """The response of a scene with `factors` of its parameters, at the frequencies of each function; these come `with_dofs`."""
     factors = dict(factors or {})
-    h = responses(_built(scene, model, factors), functions) * factors.get('gain', 1.0)
-    return np.split(h, np.cumsum([len(one.omega) for one in functions])[:-1])
+    return [factors.get('gain', 1.0) * one.h for one in solved(_built(scene, model, factors), functions)[1]]
 
 
 def suspect_units(scene: Scene, functions: Sequence[TransferFunction]) -> str | None:

@@ -127,7 +127,7 @@ class Pillar(Table):
     radius_m: Length = Field(description='the radius in m')
     height_m: Length = Field(description='the height in m')
     density_kg_per_m3: Annotated[Positive, within(1e-3, 1e6, 'kg/m3')] | None = Field(
-        None, description='the density in kg/m3; with it 33/140 of the mass of a pillar moves with its particle')
+        None, description='the density in kg/m3; with it the mass counts, in bands and FRF at each frequency')
 
     @property
     def stiffness_N_per_m(self) -> float:

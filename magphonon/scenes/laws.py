@@ -13,7 +13,7 @@ from ..errors import one_of, shown, whole
 from ..interactions.law_cards import Kind, kinds_of_laws
 from ..interactions.magnet_pairs import magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, grade_remanence
-from ..interactions.pair_laws import InversePower, PairLaw, Tabulated
+from ..interactions.pair_laws import PairLaw, Tabulated
 from .fields import Force, Length, NotNegative, Positive, Pressure, Table, listed, of_known_kind, within
 
 ALL, AUTO = 'all', 'auto'
@@ -115,40 +115,6 @@ class CuboidShape(Table):
         return Cuboid(self.length_m * u.m, self.width_m * u.m, self.height_m * u.m, remanence)
 
 
-class InversePowerLaw(PairLawTable):
-    """Force `b r^-a`, given by b or by the force between nearest neighbours."""
-
-    kind: Literal['inverse_power']
-    b_N_m_a: Positive | None = Field(None, description='b of the force b r^-a in N m^a')
-    force_N: Force | None = Field(None, description='the force in N between nearest neighbours, from which b follows, in place '
-                                  'of b_N_m_a', examples=[0.2369])
-    a: Positive = Field(description='the exponent a of the force b r^-a')
-    shells: Shells = AUTO
-
-    _spacing_m: float = PrivateAttr(1.0)  # where the force is force_N: that of the lattice, once the scene knows it
-
-    def check(self) -> None:
-        if (self.b_N_m_a is None) == (self.force_N is None):
-            has = 'neither' if self.force_N is None else 'both'
-            raise ValueError(f' has {has} of b_N_m_a and force_N; give one of them')
-        super().check()
-
-    def placed(self, spacing_m: float) -> InversePowerLaw:
-        """The same law, with force_N taken as the force at this distance."""
-        law = self.model_copy()
-        law._spacing_m = spacing_m
-        law.check()
-        return law
-
-    @property
-    def b(self) -> float:
-        """The factor b in N m^a."""
-        return self.b_N_m_a if self.force_N is None else self.force_N * self._spacing_m**self.a  # pyright: ignore[reportReturnType]
-
-    def potential(self) -> PairLaw:
-        return InversePower(self.b * u.N * u.m**self.a, self.a)
-
-
 QUANTITIES = {'positive': Positive, 'length': Length, 'force': Force, 'pressure': Pressure,
               'ratio': Annotated[Positive, within(0, 0.5, 'shares of the longitudinal strain')]}
 """Which values the parameters of a law may have, as its card says."""
@@ -245,6 +211,6 @@ KINDS = kinds_of_laws()
 if TYPE_CHECKING:
     Law = Any  # one of the tables below
 else:
-    _TABLES = (InversePowerLaw, *(_of_card(kind) for kind in KINDS.values() if kind.made), TableLaw, MagnetsLaw, SavedLaw,
+    _TABLES = (*(_of_card(kind) for kind in KINDS.values() if kind.made), TableLaw, MagnetsLaw, SavedLaw,
                MembersLaw)
     Law = Annotated[Union[_TABLES], Field(discriminator='kind'), of_known_kind(*_TABLES)]  # noqa: UP007  a number of them

@@ -44,7 +44,7 @@ from ..stiffness.rest import freedom
 from .consistency import check
 from .fields import Table, Title, listed, reason
 from .lattices import AnyLattice, Foundation, Oscillator, Patch, Supercell
-from .laws import ALL, AUTO, TOLERANCE, InversePowerLaw, Law, SavedLaw
+from .laws import ALL, AUTO, TOLERANCE, Law, SavedLaw
 from .members import Members, joined
 from .plans import BandPlan, BurstPlan, FrfPlan
 from .sources import Source, ready_scene as ready_scene, ready_scenes, source_of
@@ -105,15 +105,8 @@ class Scene(Table):
 
     @model_validator(mode='after')
     def _consistent(self):
-        law: Any = self.law
-        if isinstance(law, InversePowerLaw) and law.force_N is not None:
-            try:
-                law = law.placed(self.lattice.spacing_m)
-            except ValueError as error:
-                raise ValueError(f'law{error}') from None
         own: Any = self.__dict__  # it is read-only for everybody else
-        own['law'] = law
-        own['law'] = self._counted_law(law)
+        own['law'] = self._counted_law(self.law)
         check(self)
         return self
 

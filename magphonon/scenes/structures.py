@@ -1,5 +1,5 @@
 """Structures other than perfect lattices. The table [lattice] of the kind "file" reads your own particles from a file beside the
-scene. The table [defects] puts vacancies and other particles into a patch or such a structure.
+scene. The table [defects] removes particles from a patch or such a structure.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from ..errors import one_of
 from ..files import MEGABYTE, refuse_endless
 from ..quantities import LENGTH, MASS, PURE, STIFFNESS
 from ..stiffness.all_neighbours import nearest_distance
-from ..stiffness.defects import substituted, with_vacancies
+from ..stiffness.defects import with_vacancies
 from ..stiffness.relaxation import relaxed
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import freedom
 from ..stiffness.restart import restored
 from ..tables import read_table
-from .fields import Length, Mass, NotNegative, Number, Point, Points, Positive, Table, Text, listed, within
+from .fields import Length, Mass, Points, Table, Text
 
 PIXEL = {'px': 1.0}  # of an image, whose y runs downwards
 COLUMNS = {'x': LENGTH | PIXEL, 'y': LENGTH | PIXEL, 'z': LENGTH, 'held': PURE, 'mass': MASS, 'strength': PURE,
@@ -45,9 +45,6 @@ NEAREST_m = 1e-6, 1e6
 OF_ASE = {'held': 'a constraint, move_mask in .extxyz', 'mass_kg': 'masses, in g',
           'stiffness_N_per_m': 'stiffness, in N/mm'}
 """Columns of tables, and what a file that ASE reads has in their place."""
-Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of the value of its neighbours')]
-SignedFactor = Annotated[Number, within(-1e6, 1e6, 'multiples of the value of its neighbours')]
-NotNegativeFactor = Annotated[NotNegative, within(0, 1e6, 'multiples of the value of its neighbours')]
 
 
 def read_particles(path: Path) -> Atoms:
@@ -252,52 +249,23 @@ def _read_by_ase(path):
     return last
 
 
-class Substitution(Table):
-    """A particle that replaces the one nearest to the place, by its mass, strength and stiffness relative to that one."""
-
-    at_m: Point = Field(description='the position [x, y] of the particle in m', examples=[[0.0, 0.0]])
-    relative_mass: Factor = Field(1.0, description='factor of the mass', examples=[0.5])
-    relative_strength: SignedFactor = Field(1.0, description='factor of the strength, for example of its magnetic moment; '
-                                            'a negative one means a magnet upside down, which attracts its neighbours',
-                                                 examples=[0.5])
-    relative_stiffness: NotNegativeFactor = Field(1.0, description='factor of the stiffness of the foundation', examples=[0.0])
-
-    @property
-    def properties(self) -> dict[str, Any]:
-        """The arguments of `magphonon.stiffness.substituted`."""
-        return {'mass': self.relative_mass, 'strength': self.relative_strength, 'stiffness': self.relative_stiffness}
-
-
 class Defects(Table):
-    """Defects of the patch or of the finite structure, which then relaxes; places are those before it relaxes."""
+    """Missing particles of the patch or of the finite structure, which then relaxes; places are those before it relaxes."""
 
-    vacancies_m: Points = Field((), description='positions [x, y] in m; the particle nearest to each is removed',
+    vacancies_m: Points = Field(description='positions [x, y] in m; the particle nearest to each is removed',
                                 examples=[[[0.0, 0.0]]])
-    substitutions: Annotated[tuple[Substitution, ...], listed] = ()
-
-    @model_validator(mode='after')
-    def _something(self):
-        if not (self.vacancies_m or self.substitutions):
-            raise ValueError(' names no defect; give vacancies_m or [[defects.substitutions]], or remove the table')
-        return self
 
     def applied(self, atoms: Atoms) -> Atoms:
         """The structure with these defects, not yet at rest."""
         missing = [nearest_site(f'defects.vacancies_m[{k}]', atoms, place) for k, place in enumerate(self.vacancies_m)]
-        others = [nearest_site(f'defects.substitutions[{k}].at_m', atoms, guest.at_m)
-                  for k, guest in enumerate(self.substitutions)]
-        sites = missing + others
-        for k in {site for site in sites if sites.count(site) > 1}:
+        for k in {site for site in missing if missing.count(site) > 1}:
             x, y = atoms.positions[k, :2] / u.m
             raise ValueError(f'defects names the particle at [{x:.6g}, {y:.6g}] twice; keep one of them')
-        for guest, site in zip(self.substitutions, others, strict=True):
-            atoms = substituted(atoms, site, **guest.properties)
-        return with_vacancies(atoms, missing) if missing else atoms
+        return with_vacancies(atoms, missing)
 
     def places(self, atoms: Atoms) -> NDArray[np.float64]:
         """Positions of the defects in the perfect structure `atoms` in mm, shape (defects, 2)."""
-        hosts = [*self.vacancies_m, *(guest.at_m for guest in self.substitutions)]
-        return np.array([atoms.positions[nearest_site('', atoms, place), :2] for place in hosts])
+        return np.array([atoms.positions[nearest_site('', atoms, place), :2] for place in self.vacancies_m])
 
 
 def nearest_site(key: str, atoms: Atoms, place: tuple[float, float]) -> int:

@@ -57,13 +57,6 @@ class Shifts(InHertz):
         """Displacement in mm up to which every frequency stays within `error` of the linear one; infinite if none shifts."""
         return float(np.sqrt(error / abs(self.curvature).max())) if self.curvature.any() else np.inf
 
-    def trusted(self, share: float = 0.05) -> NDArray[np.float64]:
-        """Displacement of each mode in mm up to which its second harmonic is at most a `share` of the mode, shape (modes,).
-
-        Up to there the true shift is within a tenth of the computed one; far beyond, the computed shift is only a bound.
-        """
-        return np.divide(share, self.harmonic, out=np.full(len(self.harmonic), np.inf), where=self.harmonic > 0)
-
 
 @takes('constraints', 'conventional', 'radii')
 def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) -> Shifts:

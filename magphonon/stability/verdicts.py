@@ -6,19 +6,17 @@ list.  A function whose finding is never a fault is decorated with `remark` and 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from ase import Atoms
-from ase.constraints import FixAtoms
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..dynamics.cages import CONTACT
-from ..dynamics.drives import constant_push, forces_and_walls
 from ..dynamics.engine import fastest, highest_frequency
 from ..dynamics.splittings import SPLITTINGS
 from ..errors import one_of
@@ -104,7 +102,7 @@ class Verdict:
     """What the checks find about a structure; `str(verdict)` is the whole report in words and SI units.
 
     `verdict[name]` is the result of one check in mm, g and ms, and `finding(name)` (Finding) says it in words: 'residual' (N),
-    'buckling' and 'out_of_plane' (Buckling), 'guided' (N/mm), 'timestep_limit' (ms), 'away' (mm), 'contact', 'supports'
+    'buckling' and 'out_of_plane' (Buckling), 'timestep_limit' (ms), 'away' (mm), 'contact', 'supports'
     (Supports), 'rigidity' (Rigidity), 'amplitude' (mm).  The result is None if the check does not apply to the structure, or was
     not computed.  A check runs when it is first asked for.
     """
@@ -165,7 +163,7 @@ class Verdict:
 
 
 @takes('all neighbours', *LINEAR)
-def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) -> Verdict:
+def verdict(atoms: Atoms, damping: ArrayLike = 0.0) -> Verdict:
     """Check a structure before a run: whether it is at rest and stable, its time step, its supports and its linear range.
 
     A periodic cell is treated as an infinite lattice, and its whole zone is searched. In a cell of more than 200 degrees of
@@ -181,9 +179,6 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) 
     ----------
     atoms : ase.Atoms
         With their PairCalculator, or a cell with AllNeighbours.
-    drives : sequence of drives
-        Drives of the run; `Constant` drives may balance static forces, in addition to the dead load of the calculator.  A drive
-        on a particle that does not exist raises ValueError.
     damping : float or array_like, shape (particles,)
         Damping rate in 1/ms, which may need shorter time steps.
 
@@ -196,7 +191,6 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) 
     >>> judged.fine, round(judged['buckling'].needed, 9)  # it needs 4 f/L0
     (False, 4.0)
     """
-    forces_and_walls(drives, len(atoms))  # refuses drives of particles that do not exist
     layer = atoms if flat_layer(atoms) else None
     if layer is not None:
         atoms = layer.copy()
@@ -211,7 +205,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) 
     now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
     freedom(atoms)  # refuses constraints that are not supported
-    system = LinearSystem.nearest(atoms, constant_push(drives, len(atoms))).moving()
+    system = LinearSystem.nearest(atoms).moving()
     if system.turning:
         run['gyrating'], system = system, system.without_B()
     away = float(np.linalg.norm(system.calc.displacements(atoms), axis=1).max())
@@ -378,6 +372,14 @@ class Rigidity(NamedTuple):
     floppy: int  # motions that stretch no bond, motion as a whole included
     factor: float | None  # on D*, at which it collapses; infinite if D* only stiffens it, None if springs alone do not hold it
 
+    @property
+    def reserve(self) -> str:
+        """How much more static force the structure bears, in words; empty if there is no such limit."""
+        if self.factor is None or not np.isfinite(self.factor):
+            return ''
+        return (f'It would collapse if its static forces were {_times(self.factor)} what they are now' if self.factor > 1 else
+                f'It would be stable if its static forces were less than {self.factor:.3g} of these')
+
 
 # --- the checks ----------------------------------------------------------------------------------------------------------------
 
@@ -467,22 +469,6 @@ def out_of_plane(case: Case) -> Finding:
         return Finding(found, f'It is on the verge of buckling out of the plane{_at(found)}: the supports of {have} along z are '
                        'just what it needs, and round-off would decide. Take stiffer supports.', True)
     return Finding(found, f'It buckles out of the plane{_growth(found)}. Its supports need {need} along z and have {have}.', True)
-
-
-@remark
-def guided(case: Case) -> Finding:
-    """Foundation needed without the guides FixedLine and FixedPlane, N/mm; None if there are no guides."""
-    fixed = [constraint for constraint in case.atoms.constraints if isinstance(constraint, FixAtoms)]
-    if len(fixed) == len(case.atoms.constraints):
-        return Finding()
-    free = case.atoms.copy()
-    free.calc = case.calc
-    free.set_constraint(fixed)
-    needed = softest_of(free, 'complete').needed
-    if not case.stable or needed <= (1 + VERGE) * case.inside.spring:
-        return Finding(needed)
-    return Finding(needed, 'It is stable only because a constraint blocks sideways motion; without the constraint it would need '
-                   f'a foundation of {_stiffness(needed)}.')
 
 
 @check
@@ -578,13 +564,11 @@ def rigidity(case: Case) -> Finding:
     except ValueError:
         factor = None
     found = Rigidity(*self_stresses(case.system), factor)
-    if factor is None or not np.isfinite(factor):
+    if not found.reserve:
         return Finding(found)
-    bears = (f'It would collapse if its static forces were {_times(factor)} what they are now' if factor > 1 else
-             f'It would be stable if its static forces were less than {factor:.3g} of these')
     cells = ' by motion that is equal in all cells' if case.atoms.pbc.any() and case.system.free.shape[1] > FEW else ''
-    return Finding(found, f'{bears}, with the same spring constants{cells}. States of self-stress: {found.self_stresses}; '
-                   f'motions that stretch no bond: {found.floppy}.')
+    return Finding(found, f'{found.reserve}, with the same spring constants{cells}. States of self-stress: '
+                   f'{found.self_stresses}; motions that stretch no bond: {found.floppy}.')
 
 
 @remark

@@ -4,10 +4,9 @@ from .defects import (
     Scatter as Scatter,
     scattered as scattered,
     substituted as substituted,
-    with_interstitial as with_interstitial,
     with_vacancies as with_vacancies,
 )
-from .elastic import cauchy_stress as cauchy_stress, elastic_moduli as elastic_moduli
+from .elastic import elastic_moduli as elastic_moduli
 from .matrices import bond_stiffness as bond_stiffness
 from .nets import net as net, self_stress as self_stress
 from .other_tools import for_ase_tools as for_ase_tools

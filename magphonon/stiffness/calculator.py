@@ -435,7 +435,7 @@ def stress_per_volume(calc: PairCalculator, atoms: Atoms) -> NDArray[np.float64]
     """Stress as defined by ASE, `dE/d strain` divided by the volume of the cell, in N/mm^2, Voigt's order xx, yy, zz, yz, xz, xy.
 
     It is negative where particles repel each other.  The volume contains the height of a planar cell, which has no physical
-    meaning: `magphonon.stiffness.cauchy_stress` is the force per length.
+    meaning: `magphonon.stiffness.elastic_moduli(atoms).stress` is the force per length.
     """
     if not (atoms.pbc.any() and atoms.cell.rank == 3):
         raise ValueError('a stress as defined by ASE is a force per area of a periodic cell with a volume; give the cell three '

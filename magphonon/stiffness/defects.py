@@ -1,7 +1,7 @@
-"""Defects and disorder: vacancies, substitutions, interstitials, and sites with random scatter.
+"""Defects and disorder: vacancies, substitutions, and sites with random scatter.
 
 Each function takes atoms with their PairCalculator and returns new atoms with a new calculator.  The bonds are those
-of the perfect structure, except at the particles that were removed or added.  The result is in general not at rest: relax it
+of the perfect structure, except at the particles that were removed.  The result is in general not at rest: relax it
 first with `magphonon.relaxed`.
 """
 
@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from ase import Atom, Atoms
+from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from ..errors import finite, indices, not_negative, positive, whole
-from ..lattices.bonds import Bonds, bonds_within
+from ..lattices.bonds import Bonds
 from .calculator import PairCalculator
 from .repulsion import repulsion_of
 
@@ -38,8 +38,7 @@ def with_vacancies(atoms: Atoms, particles: ArrayLike) -> Atoms:
     return _with(atoms[kept], calc.changed(calc.reference[kept], bonds, calc.sites[kept]))
 
 
-def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: float = 1.0, stiffness: float = 1.0,
-                kind: int | None = None) -> Atoms:
+def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: float = 1.0, stiffness: float = 1.0) -> Atoms:
     """The structure with one particle replaced by another.
 
     Parameters
@@ -48,57 +47,13 @@ def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: flo
     particle : int
     mass, strength, stiffness : float
         Mass, strength and stiffness of the foundation of the new particle, as factors of those of the replaced one.
-    kind : int, optional
-        Kind of the new particle, which chooses its law; by default the kind of the replaced one.
     """
     indices('the particle that is replaced', particle, len(atoms))
     factors = {name: np.ones(len(atoms)) for name in ('mass', 'strength', 'stiffness')}
     factors['mass'][particle] = positive('mass', mass)
     factors['strength'][particle] = finite('strength', strength, ())
     factors['stiffness'][particle] = not_negative('stiffness', stiffness)
-    return varied_sites(atoms, **factors, kinds={} if kind is None else {particle: kind})
-
-
-def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, strength: float = 1.0, stiffness: float = 1.0,
-                      kind: int | None = None) -> Atoms:
-    """The structure with one more particle, which repels all others within the cutoff of the bonds.
-
-    If the bonds have no cutoff, as in a relaxed structure, the length of the longest bond is used.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-    place : array_like, shape (2,) or (3,)
-        Position of the new particle and of its anchor, where its spring is slack, in mm.
-    mass, strength, stiffness, kind
-        As for `substituted`; the factors are relative to the nearest particle.
-    """
-    calc = repulsion_of(atoms)
-    place = np.append(finite('place', place), atoms.positions[0, 2:])[:3]
-    grown = atoms.copy()
-    grown.append(Atom(atoms.get_chemical_symbols()[0], place))
-    reach = calc.bonds.cutoff or calc.bonds.lengths.max() * (1 + 1e-9)
-    near = bonds_within(grown, reach)
-    own = (near.i == len(atoms)) | (near.j == len(atoms))
-    if not own.any():
-        raise ValueError(f'the interstitial at {place[:2].tolist()} mm has no neighbour within {reach:.4g} mm; put it among the '
-                         'particles')
-    distances = grown.get_distances(len(atoms), np.arange(len(atoms)), mic=True)
-    like = int(np.argmin(distances))
-    site = np.append(np.arange(len(atoms)), like)
-    masses, tags = atoms.get_masses()[site], calc.reference.get_tags()[site]
-    grown.set_masses(masses)  # pyright: ignore[reportArgumentType]  ASE declares text
-    grown.set_tags(tags)
-    if grown.has('relative_damping'):
-        grown.arrays['relative_damping'][-1] = grown.arrays['relative_damping'][like]
-    reference = grown.copy()
-    reference.positions[:-1] = calc.reference.positions
-    old = calc.bonds
-    bonds = Bonds(*(np.concatenate([getattr(old, name), getattr(near, name)[own]]) for name in ('i', 'j', 'shift', 'vectors')),
-                  particles=len(grown), cutoff=old.cutoff)
-    sites = replace(calc.sites[site], anchors=np.vstack([calc.anchors, place]), load=np.vstack([calc.load, np.zeros(3)]))
-    grown = _with(grown, calc.changed(reference, bonds, sites))
-    return substituted(grown, len(atoms), mass=mass, strength=strength, stiffness=stiffness, kind=kind)
+    return varied_sites(atoms, **factors)
 
 
 @dataclass(frozen=True)
@@ -146,16 +101,14 @@ def site_normals(seed: int, sites: int) -> NDArray[np.float64]:
     return ndtri(((raw >> np.uint64(11)) + 0.5) * 2.0**-53).reshape(sites, len(QUANTITIES))
 
 
-def varied_sites(atoms: Atoms, *, mass: Any, strength: Any, stiffness: Any, moved: Any = None, kinds: Any = None) -> Atoms:
-    """The structure with a factor of mass, strength and stiffness for each site, with moved sites, and with other kinds."""
+def varied_sites(atoms: Atoms, *, mass: Any, strength: Any, stiffness: Any, moved: Any = None) -> Atoms:
+    """The structure with a factor of mass, strength and stiffness for each site, and with moved sites."""
     calc = repulsion_of(atoms)
     moved = np.zeros((len(atoms), 3)) if moved is None else moved
     varied, reference = atoms.copy(), calc.reference.copy()
     for one in varied, reference:
         one.positions += moved
         one.set_masses(atoms.get_masses() * mass)  # pyright: ignore[reportArgumentType]  ASE declares text
-        for particle, kind in (kinds or {}).items():
-            one.arrays.setdefault('tags', np.zeros(len(atoms), int))[particle] = kind
     sites = replace(calc.sites, strengths=calc.strengths * strength, anchors=calc.anchors + moved,
                     foundation=stiffness[:, None] * calc.foundation)
     return _with(varied, calc.changed(reference, sites=sites))

@@ -21,7 +21,7 @@ D. C. Wallace, Thermodynamics of Crystals (1972), chapter 2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,23 +33,17 @@ from .. import units
 from ..errors import finite, one_of
 from ..results import Saved
 from ..traits import takes
-from .all_neighbours import AllNeighbours
-from .calculator import PairCalculator, bond_virial, measure, same_cell
+from .calculator import PairCalculator, measure
 from .factors import inverse
 from .matrices import MODELS, Model, hessian, signed_root
-from .repulsion import masses_of, repulsion_of
+from .repulsion import masses_of
 from .rest import LinearSystem
 
 FLOPPY = 1e-12
 """Stiffness added to every direction, as a fraction of the largest one, because translations and floppy motions have none; strain
 does not push them, and refinement takes it out of all others."""
 REFINEMENTS = 3  # each divides the error of a motion by its stiffness over FLOPPY of the largest
-ISOTROPIC = 1e-6
-"""Difference between directions, as a fraction of the largest modulus, that counts as zero; the finite strains of an infinite
-lattice give differences of 2e-11."""
-STRAIN = 4e-3  # of an infinite lattice: with nine points the truncation error, about STRAIN^8, equals round-off
-FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
-SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+ISOTROPIC = 1e-6  # difference between directions, as a fraction of the largest modulus, that counts as zero
 UNIT = 'N in a chain, N/mm in the plane, N/mm^2 in space'
 
 
@@ -161,59 +155,16 @@ class Moduli(Saved, kind='elastic moduli', units={
         return ', '.join(words)
 
 
-def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:
-    """Stress of the bonds at the present positions, whether or not the forces balance there.
-
-    It is the same stress as `atoms.get_stress()`, but in the plane as a force per length, without the height of the cell.  It is
-    also available with a foundation, whose forces it does not include.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-        One periodic cell with its PairCalculator.
-
-    Returns
-    -------
-    ndarray, shape (dim, dim)
-        In N in a chain, N/mm in the plane, N/mm^2 in space.  Negative for repulsion.
-
-    Examples
-    --------
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> from magphonon.stiffness import cauchy_stress
-    >>> cell = lattices.square(1.0, 1.0)
-    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
-    >>> cauchy_stress(cell).round(9)  # f/L0 of compression
-    array([[-1.,  0.],
-           [ 0., -1.]])
-
-    A filter of ASE finds the lattice under a given pressure.  It takes the pressure on the walls of the cell, which is the
-    pressure per length divided by the height of the cell, and a mask that keeps the height fixed:
-
-    >>> from ase.filters import FrechetCellFilter
-    >>> from ase.optimize import BFGS
-    >>> pressed = FrechetCellFilter(cell, mask=(1, 1, 0, 0, 0, 1), scalar_pressure=2.0 / cell.cell[2, 2])
-    >>> bool(BFGS(pressed, logfile=None).run(fmax=1e-8))
-    True
-    >>> round(float(-cauchy_stress(cell)[0, 0]), 6), round(float(cell.cell[0, 0] ** -5), 6)  # f/L = L^-5
-    (2.0, 2.0)
-    """
-    calc = repulsion_of(atoms)
-    _refuse_patches(atoms)
-    calc = calc if same_cell(calc, atoms) else calc.about(atoms)
-    return bond_virial(calc, calc.displacements(atoms)) / measure(atoms)
-
-
-@takes('all neighbours', 'radii')
+@takes('radii')
 def elastic_moduli(atoms: Atoms, model: Model = 'complete') -> Moduli:
     """Stress and elastic moduli of a lattice at rest, without its foundation.
 
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its PairCalculator or AllNeighbours.
+        One cell with its PairCalculator.
     model : {'complete', 'conventional'}
-        D0 + D*, or D0 alone: bonds as springs at their natural length, which have no stress. AllNeighbours takes the first.
+        D0 + D*, or D0 alone: bonds as springs at their natural length, which have no stress.
 
     Examples
     --------
@@ -228,24 +179,13 @@ def elastic_moduli(atoms: Atoms, model: Model = 'complete') -> Moduli:
     _refuse_patches(atoms)
     atoms = LinearSystem.of(atoms).atoms
     calc: Any = atoms.calc
-    along = np.eye(calc.dim)[0]
-    if calc.pairwise:
-        if calc.load.any() or calc.spring_forces.any():
-            raise ValueError('a dead load or stretched springs of the foundation hold the particles here, so the lattice has '
-                             'no moduli of its own; relax it without them')
-        slopes, Phi = _of_bonds(calc, model), hessian(calc.bonds, calc.rest_stiffness(model), 0.0)
-    elif calc.singular(along).any():
-        raise ValueError('the sum over all neighbours of this long-range law needs a uniform background, so the lattice has no '
-                         'moduli of its own; use a law that falls faster, or a number of shells')
-    elif one_of('model', model, MODELS) == 'conventional':
-        raise ValueError('the sum over all neighbours has no moduli of springs alone; give a number of shells, or '
-                         "model='complete'")
-    else:
-        slopes, Phi = _by_finite_strain(calc), sparse.csr_array(calc.bloch_series(along)[0].real)
-    stress, clamped, Lambda = slopes
+    if calc.load.any() or calc.spring_forces.any():
+        raise ValueError('a dead load or stretched springs of the foundation hold the particles here, so the lattice has '
+                         'no moduli of its own; relax it without them')
+    stress, clamped, Lambda = _of_bonds(calc, model)
     V, dim = measure(atoms), calc.dim
     push = _pushes(Lambda)
-    following = (push.T @ _motion(Phi, push)).reshape((dim,) * 4)
+    following = (push.T @ _motion(hessian(calc.bonds, calc.rest_stiffness(model), 0.0), push)).reshape((dim,) * 4)
     density = float(masses_of(atoms).sum() / V)
     return Moduli(_along_periods(atoms, dim), density, stress / V, clamped / V, (clamped - following) / V)
 
@@ -313,40 +253,3 @@ def _of_bonds(calc: PairCalculator, model: Model) -> tuple[NDArray[np.float64], 
     second = np.einsum('b,bi,bj,bk,bl->ijkl', curvature, S, S, S, S, optimize=True)
     pulls = np.einsum('b,bx,bi,bj->bxij', curvature, R, S, S).reshape(len(bonds), -1)
     return first, second, (bonds.incidence.T @ pulls).reshape(bonds.particles * dim, dim, dim)
-
-
-def _by_finite_strain(calc: AllNeighbours) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Elastic moduli of an infinite lattice from energies and forces of strained cells, by differences of eighth order."""
-    atoms, dim = calc.reference, calc.dim
-    P = np.linalg.svd(_along_periods(atoms, dim))[0][:, : atoms.pbc.sum()]
-    pairs = [(i, j) for i in range(P.shape[1]) for j in range(i + 1)]
-    basis = np.array([(np.outer(P[:, i], P[:, j]) + np.outer(P[:, j], P[:, i])) / 2 for i, j in pairs])
-    steps = STRAIN * (np.arange(len(FIRST)) - len(FIRST) // 2)
-
-    def along(eta):
-        energies, forces = zip(*(_strained(calc, step * eta) for step in steps), strict=True)
-        first, second = FIRST @ energies / STRAIN, SECOND @ energies / STRAIN**2
-        return first, second, -np.tensordot(FIRST, forces, axes=1) / STRAIN
-
-    first, second, Lambda = map(np.array, zip(*map(along, basis), strict=True))
-    curvature = np.diag(second)
-    for a in range(len(basis)):
-        for b in range(a):
-            curvature[a, b] = curvature[b, a] = (along(basis[a] + basis[b])[1] - second[a] - second[b]) / 2
-    dual = basis / np.einsum('aij,aij->a', basis, basis)[:, None, None]
-    return (np.einsum('a,aij->ij', first, dual), np.einsum('ab,aij,bkl->ijkl', curvature, dual, dual),
-            np.einsum('ax,aij->xij', Lambda.reshape(len(basis), -1), dual))
-
-
-def _strained(calc, eta):
-    """Energy in mJ of the lattice without foundation under a Lagrangian strain, and forces in N, shape (particles, dim), as they
-    act on coordinates that follow the strain.
-    """
-    squares, axes = np.linalg.eigh(np.eye(calc.dim) + 2 * eta)
-    F = np.eye(3)
-    F[: calc.dim, : calc.dim] = axes * np.sqrt(squares) @ axes.T
-    atoms = calc.reference.copy()
-    atoms.set_cell(atoms.cell.array @ F)
-    atoms.positions = atoms.positions @ F
-    atoms.calc = calc.changed(atoms, sites=replace(calc.sites, foundation=0.0))
-    return atoms.get_potential_energy(), (atoms.get_forces() @ F)[:, : calc.dim]

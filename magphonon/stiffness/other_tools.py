@@ -65,7 +65,7 @@ def for_ase_tools(atoms: Atoms) -> Atoms:
 
     What tools call ps is s, and what they call Angstrom/ps is mm/s.  Masses are those of the chemical symbols, so that tools
     that look masses up are right too, and energies are scaled to match. Heat capacities and everything else that involves
-    Planck's constant come out wrong: use `magphonon.bands.thermal_properties`.  The stress is that of the bonds alone.
+    Planck's constant come out wrong.  The stress is that of the bonds alone.
 
     Tools that impose the acoustic sum rule erase the foundation.
 

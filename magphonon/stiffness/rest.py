@@ -212,13 +212,9 @@ class LinearSystem:
     def left(self) -> NDArray[np.float64]:
         """The unbalanced static forces along free directions, in N, shape (particles,); zero if less than BALANCED."""
         calc: Any = self.atoms.calc
-        if calc.pairwise:
-            forces = self.static
-        elif len(self) == 1:
+        if len(self) == 1 and not calc.pairwise:
             return np.zeros(1)  # by symmetry
-        else:
-            forces = calc.get_forces(self.atoms)[:, : self.dim]
-        return self.unbalanced(forces)
+        return self.unbalanced(self.static if calc.pairwise else calc.get_forces(self.atoms)[:, : self.dim])
 
     def unbalanced(self, forces: NDArray[np.float64]) -> NDArray[np.float64]:
         """The part of `forces` (N) along free directions, shape (particles,), and zero if less than BALANCED."""

@@ -34,8 +34,7 @@ from scipy.special import stdtrit
 
 from .. import units
 from ..bands.bands import group_velocities
-from ..bands.bloch import bloch_modes, branch_names
-from ..bands.zone import first_zone
+from ..bands.bloch import bloch_modes, branch_names, first_zone
 from ..results import InHertz, Saved
 from .ridge_tables import FIELD, RidgePoints
 from .scans import Scan

@@ -144,7 +144,7 @@ PLANE = {'triangular': ([[1, 0], [1 / 2, np.sqrt(3) / 2]], 'GMKG'), 'obtuse': ([
          'square': (np.eye(2), 'GXMG'), 'rectangular': ([[1, 0], [0, 1.3]], 'GXSYG')}
 
 
-@pytest.mark.parametrize('digits', range(3, 13))
+@pytest.mark.parametrize('digits', few_first(range(3, 13), 4))
 @pytest.mark.parametrize('kind', PLANE)
 def test_cells_typed_with_some_digits_have_bands_along_every_path_that_ase_finds(kind, digits):
     rng = np.random.default_rng(digits)
@@ -178,17 +178,6 @@ def test_cells_typed_with_some_digits_have_bands_along_every_path_that_ase_finds
             analytic_bands(typed, foreign.cell.bandpath(npoints=9, pbc=foreign.pbc))
 
 
-def test_points_of_the_path_have_their_symmetry():
-    # K of ASE's path is K of this cell, whichever of the two hexagonal bases it has
-    for angle in (60, 120):
-        atoms = lattice('triangular')
-        atoms.set_cell([10, 10, 20, 90, 90, angle])
-        atoms.calc = MagneticRepulsion(atoms, LAW)
-        K = atoms.cell.bandpath('K', npoints=1, pbc=atoms.pbc).kpts
-        omega = bloch_modes(atoms, K)[0][0]
-        assert omega[1] - omega[0] < 1e-12 * omega[1]
-
-
 def test_ases_band_structure_holds_hertz():
     atoms = cell_of('triangular', foundation=0.02)
     bands = analytic_bands(atoms, atoms.cell.bandpath('GMKG', npoints=30, pbc=atoms.pbc))
@@ -210,5 +199,4 @@ def test_ases_picture_of_bands_has_all_of_them_within_its_axes(foundation):
     assert (low < 0) == (bands.omega.min() < 0)
     assert ax.get_ylabel() == 'frequency (Hz)'
     assert len(ax.lines) >= 2
-    assert bands._repr_png_().startswith(b'\x89PNG')
     assert bands.to_ase().plot(Figure().add_subplot(), emax=50).get_ylim()[1] == 50

@@ -15,7 +15,7 @@ from magphonon.bands import (
     foundation_recovered,
     phonopy_bands,
 )
-from magphonon.bands.bands import cut_off, edge_rows
+from magphonon.bands.bands import edge_rows
 from magphonon.bands.bloch import bloch_modes
 from magphonon.interactions import Yukawa
 from magphonon.stiffness import AllNeighbours
@@ -44,22 +44,6 @@ def truth(atoms, q):
     D = Pairs(atoms, LAW, REACH).bloch(atoms.positions, q) + calc.foundation * np.eye(2 * n)
     squares = np.linalg.eigvalsh(P.T @ D @ P)
     return np.sign(squares) * np.sqrt(abs(squares))
-
-
-def test_a_channel_by_hand():
-    """One row of magnets in a groove between two rows of fixed ones: springs to six neighbours, four of which are held."""
-    law = InversePower(2.3e4, 4.1)
-    cell = lattices.ribbon(lattices.triangular(10.0, 0.7), 3)
-    cell.calc = MagneticRepulsion(cell, law)
-    q = np.linspace(0, 0.5, 7)
-    omega = bloch_modes(cell, np.stack([q, 0 * q, 0 * q], axis=1))[0]
-    f, K = -law.dphi(10.0), law.d2phi(10.0)
-    along_row, across = K, -f / 10
-    walls = np.diag([K + 3 * across, 3 * K + across])  # four bonds at 60 degrees: cos^2 = 1/4, sin^2 = 3/4
-    x = walls[0, 0] + 2 * along_row * (1 - np.cos(2 * np.pi * q))
-    y = walls[1, 1] + 2 * across * (1 - np.cos(2 * np.pi * q))
-    assert_allclose(omega**2, np.sort([x, y], axis=0).T / 0.7, rtol=1e-12)
-    assert cut_off(cell) == pytest.approx(np.sqrt(min(x[0], y[0]) / 0.7), rel=1e-12)
 
 
 @pytest.mark.parametrize('seed', range(4))

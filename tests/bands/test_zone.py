@@ -1,48 +1,11 @@
-"""The first Brillouin zone against closed forms, and frequencies over it against the paper's."""
+"""The first Brillouin zone against closed forms."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from magphonon import InversePower, MagneticRepulsion, lattices, units as u
-from magphonon.bands import group_velocities, zone
-from magphonon.bands.zone import first_zone, frequency_ratio, zone_map
-
-STEPS = 24  # a multiple of 6: M and K lie on the mesh
-HALF, THIRD = STEPS // 2, STEPS // 3
-
-
-def with_dipoles(cell, foundation=0.0, **bonds):
-    """Sec. IV of the paper: f = 1e4 N m^4 r^-4 on particles of 1 kg, 1 m apart."""
-    cell.calc = MagneticRepulsion(cell, InversePower(b=1e4 * u.N * u.m**4, a=4), foundation=foundation * u.N / u.m, **bonds)
-    return cell
-
-
-def ideal(lattice=lattices.triangular, foundation=0.0, **bonds):
-    return with_dipoles(lattice(1 * u.m, 1 * u.kg), foundation, **bonds)
-
-
-def prototype():
-    cell = lattices.triangular(10 * u.mm, 0.707 * u.g)
-    law = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
-    cell.calc = MagneticRepulsion(cell, law, foundation=19.675721234 * u.N / u.m)
-    return cell
-
-
-@pytest.fixture(scope='module')
-def complete():
-    return zone_map(ideal(), STEPS)
-
-
-@pytest.fixture(scope='module')
-def conventional():
-    return zone_map(ideal(), STEPS, model='conventional')
-
-
-def at(zone_map, values, i, j):
-    """Values at the wavevector (i, j) / STEPS, in fractions of the reciprocal vectors."""
-    n1, n2 = (size // 2 for size in zone_map.q.shape[:2])
-    return values[n1 + i, n2 + j]
+from magphonon.bands import bloch
+from magphonon.bands.bloch import first_zone
 
 
 def area(corners):
@@ -50,19 +13,8 @@ def area(corners):
     return 0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum()
 
 
-# ---- the polygon ----
-
-@pytest.mark.parametrize(('name', 'constant'), [('triangular', 1), ('honeycomb', np.sqrt(3)), ('kagome', 2)])
-def test_hexagonal_zone_has_six_corners_at_K(name, constant):
-    corners = first_zone(getattr(lattices, name)(10.0, 1.0).cell)
-    K = 4 * np.pi / (3 * constant * 10.0)
-    assert corners.shape == (6, 2)
-    np.testing.assert_allclose(np.linalg.norm(corners, axis=1), K, rtol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(np.roll(corners, 1, axis=0) - corners, axis=1), K, rtol=1e-12)
-
-
 @given(x=st.floats(-30, 30), y=st.floats(2, 30))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_any_cell_has_a_zone_of_the_right_area_with_every_corner_nearest_to_gamma(x, y):
     cell = np.array([[10.0, 0, 0], [x, y, 0], [0, 0, 20]])
     corners = first_zone(cell)
@@ -75,84 +27,5 @@ def test_any_cell_has_a_zone_of_the_right_area_with_every_corner_nearest_to_gamm
 def test_control_without_a_reduced_basis_the_zone_of_a_skew_cell_is_wrong(monkeypatch):
     cell = np.array([[10.0, 0, 0], [57, 9, 0], [0, 0, 20]])
     assert area(first_zone(cell)) == pytest.approx((2 * np.pi) ** 2 / 90, rel=1e-9)
-    monkeypatch.setattr(zone, 'minkowski_reduce', lambda basis, pbc: (basis, None))
+    monkeypatch.setattr(bloch, 'minkowski_reduce', lambda basis, pbc: (basis, None))
     assert area(first_zone(cell)) > 1.1 * (2 * np.pi) ** 2 / 90
-
-
-# ---- the mesh ----
-
-@pytest.mark.parametrize('lattice', [lattices.triangular, lattices.square, lattices.honeycomb])
-def test_mesh_covers_the_zone_and_little_more(lattice):
-    zone_of = zone_map(ideal(lattice, 1e6), STEPS)
-    reach = abs(first_zone(zone_of.cell) @ zone_of.cell[:2, :2].T).max(axis=0) / (2 * np.pi)
-    covered = zone_of.q.max(axis=(0, 1))[:2]
-    assert (covered >= reach - 1e-9).all()
-    assert (covered < reach + 1 / STEPS).all()
-    assert (zone_of.q.min(axis=(0, 1))[:2] == -covered).all()
-    omega, velocity = group_velocities(ideal(lattice, 1e6), zone_of.q[2, 5])  # each at its own wavevector
-    np.testing.assert_allclose(zone_of.omega[2, 5], omega[0])
-    np.testing.assert_allclose(zone_of.velocity[2, 5], velocity[0])
-
-
-# The six M and K of the 60-degree basis, in units of 1/STEPS.
-M = [(0, HALF), (HALF, 0), (HALF, HALF), (0, -HALF), (-HALF, 0), (-HALF, -HALF)]
-K = [(2 * THIRD, THIRD), (THIRD, 2 * THIRD), (THIRD, -THIRD), (-THIRD, THIRD), (-THIRD, -2 * THIRD), (-2 * THIRD, -THIRD)]
-
-
-@pytest.mark.parametrize(('model', 'at_M', 'at_K'), [
-    # sqrt((2a - 6) f/L M), sqrt((6a - 2) f/L M) and sqrt(4.5 (a - 1) f/L M); conventional 2a, 6a and 4.5 a; rad/s
-    ('complete', (141.421356237310, 469.041575982343), 367.423461417477),
-    ('conventional', (282.842712474619, 489.897948556636), 424.264068711929),
-])
-def test_paper_frequencies_at_every_M_and_K(model, at_M, at_K, request):
-    zone_of = request.getfixturevalue(model)
-    for point in M:
-        np.testing.assert_allclose(at(zone_of, zone_of.omega, *point) * u.s / u.rad, at_M, rtol=1e-11)
-    for point in K:
-        np.testing.assert_allclose(at(zone_of, zone_of.omega, *point) * u.s / u.rad, at_K, rtol=1e-11)
-
-
-# ---- complete over conventional ----
-
-def test_ratio_at_M_and_its_limit_at_gamma(complete, conventional):
-    ratio = frequency_ratio(complete, conventional)
-    for point in M:
-        np.testing.assert_allclose(at(complete, ratio, *point), [0.5, np.sqrt(22 / 24)], rtol=1e-11)  # of (2a-6)/2a, (6a-2)/6a
-    # no foundation: 0/0 at Gamma and at no other point of this zone but its images
-    assert np.isnan(at(complete, ratio, 0, 0)).all()
-    assert np.isnan(ratio).sum() == 2 * (abs(complete.q - np.round(complete.q)).max(axis=-1) == 0).sum()
-    # the limit, sound speeds in m/s from sqrt(3/8 (a - 3) f L/M) and the like; one step off Gamma (k L)^2 is 0.09
-    limit = [61.237243569579 / 122.47448713916, 203.1009601159 / 212.13203435596]
-    np.testing.assert_allclose(at(complete, ratio, 1, 0), limit, rtol=0.01)
-
-
-def test_unstable_modes_have_a_negative_ratio_and_soft_conventional_ones_none():
-    # Square lattice of nearest neighbours: along (q, 0) the conventional shear mode vanishes, the complete one grows.
-    cell = ideal(lattices.square)
-    complete, conventional = zone_map(cell, STEPS), zone_map(cell, STEPS, model='conventional')
-    ratio = frequency_ratio(complete, conventional)
-    on_axis = (complete.q == 0).sum(axis=-1) > 1  # the third component is zero everywhere
-    assert (np.isnan(ratio[..., 0]) == on_axis).all()
-    assert at(complete, ratio, HALF, 1)[0] < -1  # -4 f/(L M) against a conventional frequency near zero
-    at_X = at(complete, complete.omega, HALF, 0) * u.s
-    np.testing.assert_allclose(at_X, [-200, 400], rtol=1e-12)  # -sqrt(4 f/(L M)), sqrt(4 a f/(L M))
-
-
-def test_a_foundation_makes_the_ratio_one_at_gamma():
-    cell = prototype()
-    ratio = frequency_ratio(zone_map(cell, STEPS), zone_map(cell, STEPS, model='conventional'))
-    n1, n2 = (size // 2 for size in ratio.shape[:2])
-    np.testing.assert_allclose(ratio[n1, n2], 1, rtol=1e-12)
-    # M_complete_Hz / M_conventional_Hz, recomputed in 50-digit arithmetic
-    np.testing.assert_allclose(ratio[n1, n2 + HALF], [58.2326897819 / 92.1059950118, 149.476338113 / 155.050524158], rtol=1e-10)
-
-
-# ---- files and errors ----
-
-def test_maps_of_lattices_of_a_micrometre_are_drawn():
-    from magphonon.plotting import plot_ratio
-
-    cell = lattices.triangular(1e-6 * u.m, 1e-12)
-    cell.calc = MagneticRepulsion(cell, InversePower(b=1e-12, a=4.0), foundation=1e-3)
-    maps = zone_map(cell, 12), zone_map(cell, 12, 'conventional')
-    assert {'Γ', 'M', 'K'} <= {text.get_text() for text in plot_ratio(*maps, 0).texts}

@@ -5,6 +5,7 @@ import csv
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from structures import few_first
 
 from magphonon import lattices
 from magphonon.bands import Bands
@@ -44,7 +45,7 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize('name', SCENES)
+@pytest.mark.parametrize('name', few_first(SCENES, 4))
 def test_the_report_says_what_theory_says(name, scene_file, tmp_path, capsys):
     base, changes, words, absent = SCENES[name]
     assert main(['bands', '--verbose', str(scene_file(changes, base)), '-o', str(tmp_path / 'out')]) == 0
@@ -74,6 +75,7 @@ def tables_of_the_prototype(out):
     assert_allclose(Bands.load(out / 'bands_complete.npz').frequencies_Hz[:, 0], table['complete_1_Hz'], rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_coulomb_crystal_in_space_has_no_conventional_model(scene_file, tmp_path, capsys):
     """At H all branches of bcc have w_p/sqrt(3), w_p^2 = 4 pi n Q^2/(4 pi eps0 M); D0 alone diverges, and is left out."""
     file = scene_file({'"triangular"': '"bcc"', '"GMKG"': '"GH"', 'points = 300': 'points = 5', '[6, 6]': '[2, 2, 2]'}, 'wigner')

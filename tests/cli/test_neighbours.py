@@ -3,8 +3,11 @@
 import re
 import tomllib
 
+import numpy as np
 import pytest
+from ridge_lattices import cantilever
 from scene_files import ready_scene
+from scipy.optimize import brentq
 from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units as u
@@ -49,6 +52,17 @@ def test_the_largest_shift_is_that_of_all_neighbours(kind):
     assert abs(many / few - 1)[few > 0.01 * few.max()].max() == pytest.approx(abs(many / few - 1)[at])
 
 
+def test_heavy_pillars_lower_what_farther_neighbours_raise():
+    text = ready_scene('prototype').read_text().replace('# density_kg_per_m3', 'density_kg_per_m3')
+    (line,) = omission(scene_of(tomllib.loads(text)), True)
+    k, m, M = 19.6757, 2700 * np.pi * 7.9375e-4**2 * 0.15, 7.07e-4
+    ((branch, point, _, to),) = SHIFT.findall(line)
+    squares = (2 * np.pi * 67.4525) ** 2 * M - k  # of the magnets alone, by an exact sum over all neighbours on massless pillars
+    w = brentq(lambda w: M * w**2 - squares - k * cantilever(3 * m * w**2 / k), 1.0, 400.0)
+    assert (branch, point, float(to)) == ('1', 'M', pytest.approx(w / (2 * np.pi), rel=2e-4))  # four digits are printed
+    assert float(to) < 0.9 * 67.4525
+
+
 @pytest.mark.parametrize(('name', 'changes', 'words'), [
     ('oscillator', {}, None), ('steel', {}, None), ('neighbours', {}, None), ('wigner', {'law__shells': None}, None),
     ('prototype', {'law__shells': None}, None),
@@ -65,7 +79,7 @@ def test_what_is_said_where_it_matters(name, changes, words):
 
 DISCS = """title = "8 mm discs"
 lattice = {kind = "triangular", spacing_m = 0.008, mass_kg = 0.0008}
-law = {kind = "inverse_power", force_N = 0.6, a = 3.8}
+law = {kind = "inverse_power", b_N_m_a = 6.4545e-9, a = 3.8}
 foundation = {stiffness_N_per_m = 20.0}
 uncertainty = {spacing_percent = 1.0}
 bands = {path = "GMKG", points = 20}

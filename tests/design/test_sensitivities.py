@@ -78,15 +78,6 @@ def test_spacing_alone_without_foundation_goes_with_half_of_a_plus_one():
     assert_allclose(slope[0], 0, atol=0)  # a translation of the whole lattice, whatever the spacing
 
 
-def test_slope_of_a_mode_on_the_verge_of_instability_is_unbounded():
-    law = InversePower(1.0, 4.0)
-    chain = lattices.chain(1.0, 1.0)
-    chain.calc = MagneticRepulsion(chain, law, foundation=4.0)  # 4 f(L0)/L0: the zigzag at X has no stiffness left
-    _, slopes = frequency_sensitivities(chain, [[0.5, 0, 0]], [StiffnessDerivative(law=spacing_change(law))])
-    assert np.isnan(slopes[0, 0, 0])
-    assert np.isfinite(slopes[0, 0, 1])
-
-
 def test_branches_that_symmetry_unites_have_one_slope():
     """At (1/2, 1/2) of the square lattice both modes have the stiffness 4 (phi'' + phi'/r)."""
     law = InversePower(1.0, 4.0)

@@ -7,6 +7,7 @@ import pytest
 
 from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.design import Contrast, Errors, trim
+from magphonon.design.least_squares import Before
 from magphonon.design.site_designs import Structure
 from magphonon.design.trimming import _Copy
 from magphonon.response import Dof, harmonic_response
@@ -89,19 +90,19 @@ def trimmed(seed):
 def test_slopes_are_those_of_differences():
     """By every deviation of a copy and by the damping; those by the frequency and the exponent are zero by definition."""
     patch, rng = designed(), np.random.default_rng(5)
-    copy = _Copy(Structure(patch), ERRORS, tuple(measured(relaxed(patch).atoms, rng)), DAMPING, 'complete')
-    z = np.append(rng.normal(size=6 + 5 * len(patch)), 0.5)
+    structure = Structure(patch)
+    copy = _Copy(measured(relaxed(patch).atoms, rng), Before.of((), None), 1.0, structure, structure.rest(), ERRORS, DAMPING)
+    z = rng.normal(size=7 + 5 * len(patch))  # the first is the logarithm of the damping
 
-    def responses(z, with_slopes=False):
-        rest = copy.structure.rest(ERRORS.parts(z[:-1], len(patch), 2))
-        return copy._responses(rest, z, with_slopes)
+    def place(z):
+        return copy.place(z[:1], z[1:])
 
-    ours = responses(z, with_slopes=True)[1]
-    assert not ours[:, [3, 5]].any()
-    ends = np.cumsum([6, *3 * [len(patch)]])  # of strengths, masses and springs, behind which the feet begin
-    for k in (0, 1, 2, 4, len(z) - 1, *(rng.choice(np.arange(a, a + 19)) for a in ends), 6 + 3 * 19 + 2 * 9):
+    ours = np.hstack(copy.slopes(place(z)))
+    assert not ours[:, [4, 6]].any()
+    ends = np.cumsum([7, *3 * [len(patch)]])  # of strengths, masses and springs, behind which the feet begin
+    for k in (0, 1, 2, 3, 5, *(rng.choice(np.arange(a, a + 19)) for a in ends), 7 + 3 * 19 + 2 * 9):
         e = 1e-3 * np.eye(len(z))[k]
-        theirs = (responses(z + e)[0] - responses(z - e)[0]) / 2e-3
+        theirs = (place(z + e).h - place(z - e).h) / 2e-3
         assert abs(ours[:, k] - theirs).max() < 1e-4 * abs(theirs).max() + 1e-9 * abs(ours).max(), k
 
 
@@ -118,7 +119,9 @@ def test_what_the_model_does_not_explain_is_refused():
     tenth = Errors(**{name: getattr(ERRORS, name) / 10 for name in ERRORS.names})
     with pytest.raises(ValueError, match=r'chi = 3\.\d is their distance in units of noise and errors'):
         of(answers, errors=tenth)  # responses are met within 1.8 of their noise, by parts that are as good as impossible
-    for wrong, words in (([], 'holds no response'), ([replace(answers[0], sigma=None)], 'sigma, its noise'),
-                         ([replace(answers[0], answer=X)], 'as Dof')):
+    for wrong, stock, words in (
+            ([], STOCK, 'holds no response'), ([replace(answers[0], sigma=None)], STOCK, 'sigma, its noise'),
+            ([replace(answers[0], answer=X)], STOCK, 'as Dof'), ([replace(answers[0], sigma=0.0)], STOCK, 'above zero'),
+            (answers, [], 'positive strengths of the magnets'), (answers, [-1.0, 1.0], 'positive strengths of the magnets')):
         with pytest.raises(ValueError, match=words):
-            of(wrong)
+            of(wrong, parts=stock)

@@ -140,6 +140,9 @@ def test_a_killed_run_goes_on_from_its_trajectory(engine, tmp_path):
 
 def test_a_run_that_becomes_long_is_compiled_and_stays_so(monkeypatch):
     monkeypatch.setattr('magphonon.dynamics.verlet.COMPILING_PAYS', 1049 * 30)
+    exact = DrivenVerlet(patch(speed=0.01), DT, tolerance=1e-5)  # of an order of more stages, which count from the first run on
+    exact.run(29)
+    assert (exact.splitting.stages > 1, exact.engine) == (True, 'compiled')
     dyn, whole = DrivenVerlet(patch(speed=0.01), DT), DrivenVerlet(patch(speed=0.01), DT, engine='ase')
     engines = []
     for steps in (29, 30, 29):  # on both sides of what pays

@@ -5,6 +5,7 @@ The full table, 100 tables a cell (half an hour of one core; in docs/coverage.md
     python -m pytest -m long -n 0 -s tests/interactions/test_fits.py
 """
 
+import re
 import tomllib
 from dataclasses import replace
 from itertools import product
@@ -211,6 +212,10 @@ def test_a_zero_that_contradicts_what_was_told_is_named():
     slack = table(LAWS['ring'], (8, 40), 2, errors=[0, 0, 8.0, 0, 0])  # up and down differ by 32 mN
     assert fit_forces(slack, L0, ERRORS).conflicts[2] > 3
     assert (fit_forces(table(LAWS['ring'], (8, 40), 2), L0, ERRORS).conflicts < 3).all()
+    exact = table(LAWS['ring'], (8, 40), 2, errors=[0, 0, 0, 0, 0])
+    assert 'A zero of the force' not in report_of(exact)
+    zero, sigma = re.search(r'A zero of the force of (\S+) \+- (\S+) N is', report_of(replace(exact, f=exact.f + 0.02))).groups()
+    assert abs(float(zero) - 0.02) < 3 * float(sigma) < 0.02
 
 
 def test_the_entry_of_a_scene_is_the_fit():
@@ -310,7 +315,7 @@ def test_several_pairs_tell_the_mean_of_the_lattice():
 def test_what_a_pair_may_be_off_is_in_the_interval():
     rows = table(LAWS['disc'], (7, 20), 3)
     alone, off = (fit_forces(rows, L0, replace(ERRORS, pair=pair)) for pair in (None, 0.06))
-    wider = np.sqrt(off.half_widths**2 - alone.half_widths**2) / off.wide
+    wider = np.sqrt(off.half_widths**2 - alone.half_widths**2) / 1.96
     assert wider[:2] == pytest.approx([0.06, 0.06], rel=0.15)
     assert off.half_widths[2] == pytest.approx(alone.half_widths[2], rel=0.05)
     assert off.shares['pairs'] > 0.1 > alone.shares['pairs']

@@ -134,6 +134,26 @@ def test_distances_that_are_read_with_an_error_of_their_own():
     assert np.mean(found[False]) < 0.75
 
 
+@pytest.mark.slow
+def test_six_to_eight_rows_whose_noise_is_not_stated():
+    """60 tables of a noise of 1e-5 to 0.02."""
+    off, half = [], []
+    for k in range(60):
+        rng = np.random.default_rng([k, 477])
+        law, *_ = drawn_magnets(KINDS[k % 5], rng)
+        r = np.linspace(rng.uniform(7.2, 8.4), rng.uniform(13, 22), 6 + k % 3)
+        zero, away, gain = rng.standard_normal(3) * [TOLD[name] for name in ('zero', 'distance', 'gain')]
+        f, spacing = law(np.maximum(r + away, 6.6) / 1e3)[0] * (1 + gain), rng.uniform(9.5, 11.5)
+        noise = 10 ** rng.uniform(-5, -1.7) * (f.max() if rng.integers(2) else f) * rng.standard_normal(len(r))
+        fit = fit_forces(Forces(r, f + zero + noise), spacing, SharedErrors(**TOLD))
+        off.append(np.array([np.log(fit.force), np.log(-fit.slope), fit.exponent]) - truth(law, spacing))
+        half.append(fit.half_widths)
+    held, wide = np.mean(np.abs(off) <= half, axis=0), np.median(half, axis=0) / (WIDE * np.sqrt(np.mean(np.square(off), axis=0)))
+    print('held of f, df/dr, a:', held, '; half widths in 1.96 rms errors:', wide)
+    assert held.min() >= 0.9
+    assert wide.max() < 2  # with Student's distribution of one degree of freedom about all errors it was 6
+
+
 def predicted(folder, lattice, fit, springs, shells='"auto"'):
     """What `[uncertainty]` states at three points, in rad/ms, and whether it says that more neighbours matter."""
     entry = scene_entry(fit).replace('shells = "auto"', f'shells = {shells}')

@@ -1,7 +1,6 @@
 """The card of a law: scenes, fits and verdicts read it; a law of a script needs none and behaves as the built-in ones."""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -14,7 +13,7 @@ from structures import few_first
 import magphonon.interactions as room
 from magphonon import InversePower, MagneticRepulsion, read_scene, units as u, verdict
 from magphonon.bands.bloch import bloch_modes
-from magphonon.interactions import Attraction, Tabulated, UprightMagnets, Yukawa
+from magphonon.interactions import Tabulated, UprightMagnets, Yukawa
 from magphonon.interactions.bond_laws import law_from_dict, law_to_dict
 from magphonon.interactions.law_cards import Card, Kind, Parameter, card_of, kinds_of_laws
 from magphonon.interactions.pair_laws import higher_derivatives
@@ -95,7 +94,7 @@ def test_supports_of_central_laws_and_of_upright_magnets_by_closed_forms(seed):
 
 def test_a_law_of_a_script_is_saved_by_name():
     law = Exponential(5.0, 3.0)
-    for one in (law, Attraction(law), UprightMagnets(law)):
+    for one in (law, UprightMagnets(law)):
         assert law_from_dict(law_to_dict(one)) == one
     assert law_to_dict(law)['law'] == f'{__name__}:Exponential'
     with pytest.raises(ValueError, match='is in no module that is imported; import its module first'):
@@ -129,8 +128,7 @@ def test_cards_say_what_scenes_fits_and_tolerances_know():
         'yukawa': ('strength', 'screening_length'),
         'hertz': ('', ''), 'table': ('forces', ''), 'magnets': ('remanence', '')}
     table = Tabulated([8.0, 9.0, 10.0, 12.0], [0.66, 0.38, 0.24, 0.10])
-    assert [card_of(law).magnets for law in (table, Attraction(table), Attraction(Exponential(1, 1)), Exponential(1, 1))] == [
-        True, True, False, False]
+    assert [card_of(law).magnets for law in (table, Exponential(1, 1))] == [True, False]
 
 
 def test_powers_of_strengths_are_those_of_the_forces():
@@ -179,13 +177,6 @@ def test_all_neighbours_take_any_mixture_of_gaussians():
     for cell, one in zip(cells, (law, Own()), strict=True):
         cell.calc = AllNeighbours(cell, one, foundation=0.1)
     assert_allclose(*(bloch_modes(cell, [[0.3, 0.1, 0]])[0] for cell in cells), rtol=1e-12)
-
-
-def test_bond_laws_need_no_magnets():
-    """The core: what finds the law of a bond imports no magnets."""
-    source = (Path(room.__file__).parent / 'bond_laws.py').read_text(encoding='utf-8')
-    assert 'magnet_pairs' not in source
-    assert 'upright' not in source
 
 
 @pytest.mark.parametrize('apart', [3e-6, 3e-5, 1e-4])

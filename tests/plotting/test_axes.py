@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from cells import prototype
-from figures import bands_of, drawn, maps_of
+from figures import bands_of, drawn
 
 from magphonon import InversePower
 from magphonon.interactions.fits import SharedErrors, fit_forces
@@ -13,7 +13,7 @@ from magphonon.plotting.bands import plot_bands
 from magphonon.plotting.fits import plot_fit
 from magphonon.plotting.modes import plot_mode
 from magphonon.plotting.response import plot_response
-from magphonon.plotting.zone import plot_ratio, plot_zone
+from magphonon.plotting.zone import plot_zone
 from magphonon.response.frf import FrequencyResponse
 
 
@@ -25,8 +25,7 @@ def test_pyplot_and_its_settings_are_left_alone():
     before = dict(mpl.rcParams)
     cell = prototype()
     bands = bands_of(cell, vectors=True)
-    for ax in (plot_bands(bands, label='complete'), plot_zone(bands.path), plot_mode(cell, bands, 'M', 0),
-               plot_ratio(*maps_of(cell), 0)):
+    for ax in (plot_bands(bands, label='complete'), plot_zone(bands.path), plot_mode(cell, bands, 'M', 0)):
         drawn(ax)
     assert dict(mpl.rcParams) == before
     assert plt.get_fignums() == []

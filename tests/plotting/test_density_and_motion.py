@@ -5,13 +5,11 @@ import pytest
 from cells import prototype
 from figures import drawn, legend_of
 from motion import patch
-from PIL import Image
 
 from magphonon import InversePower, MagneticRepulsion, lattices, modes, units as u
 from magphonon.bands import lattice_density
 from magphonon.bands.density import DensityOfStates, band_ranges
-from magphonon.plotting import animate, plot_density, plot_extents
-from magphonon.plotting.animation import mode_frames
+from magphonon.plotting import plot_density, plot_extents
 from magphonon.plotting.modes import plot_shape
 from magphonon.response import density_of_states, localisation
 
@@ -97,37 +95,6 @@ def patch_without_periods(sheet):
     alone.pbc = False
     alone.calc = sheet.calc
     return alone
-
-
-@pytest.mark.slow
-def test_a_film_has_all_frames_on_one_scale(tmp_path):
-    atoms = patch(6)
-    decaying = np.exp(-np.arange(5))[:, None, None] * mode_frames(modes(atoms).shapes[0], 0.01)[:1]
-    assert np.linalg.norm(decaying, axis=2).max() == pytest.approx(0.01)
-    factor = animate(tmp_path / 'film.gif', atoms, decaying, times=np.arange(5.0), title='decay')
-    assert factor == pytest.approx(0.35 * 10 / 0.01)  # of a spacing of 10 mm
-    with Image.open(tmp_path / 'film.gif') as film:
-        frames = []
-        for k in range(film.n_frames):
-            film.seek(k)
-            frames.append(np.asarray(film.convert('L'), dtype=float))
-    body = np.array(frames)[:, 80:]  # without the title, in which the time runs
-    rest = body[-1]
-    away = [abs(frame - rest).sum() for frame in body]
-    assert len(frames) == 5
-    assert away[0] > 2 * away[2] > 0  # it comes to rest: another scale for each frame would hide it
-    assert [file.name for file in tmp_path.iterdir()] == ['film.gif']
-
-
-def test_mp4_without_ffmpeg_says_what_to_install(tmp_path, monkeypatch):
-    from matplotlib.animation import FFMpegWriter
-
-    from magphonon.plotting import animation
-
-    monkeypatch.setattr(FFMpegWriter, 'isAvailable', classmethod(lambda cls: False))
-    monkeypatch.setattr(animation, 'find_spec', lambda name: None)
-    with pytest.raises(ValueError, match=r'install ffmpeg or imageio-ffmpeg, or write a \.gif'):
-        animate(tmp_path / 'film.mp4', patch(6), np.ones((2, 36, 2)))
 
 
 def test_the_highest_of_several_densities_fits_on_the_axes():

@@ -11,7 +11,7 @@ from matplotlib.collections import EllipseCollection, PolyCollection
 from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, lattices
-from magphonon.bands.zone import first_zone
+from magphonon.bands.bloch import first_zone
 from magphonon.plotting.axes import prefix_power
 from magphonon.plotting.structures import plot_lattice, plot_patch
 from magphonon.plotting.zone import irreducible_zone, plot_zone

@@ -12,7 +12,7 @@ from magphonon.bands.bloch import bloch_modes
 from magphonon.dynamics.motion import Motion
 from magphonon.plotting.animation import animate
 from magphonon.plotting.fields import plot_field_at
-from magphonon.plotting.waves import crossing, plot_crossing, plot_snapshot, plot_wave
+from magphonon.plotting.waves import plot_crossing, plot_snapshot, plot_wave
 from magphonon.waves.wave_analysis import waves
 from magphonon.waves.wave_source import BurstRecord, burst_setup, polarisations
 
@@ -132,11 +132,6 @@ def test_a_film_has_one_scale_and_fixed_axes(passage, tmp_path):
     changed = (ink ^ ink[0]).sum(axis=(1, 2)) / ink[0].sum()
     assert changed.max() < 0.2  # each frame of a GIF has its own palette; axes that moved by two pixels would change half
     assert (np.roll(ink[0], (2, 2), (0, 1)) ^ ink[0]).sum() > 0.5 * ink[0].sum()
-
-
-def test_crossing_is_when_the_middle_of_the_row_moves(passage):
-    _, where, left = passage
-    assert crossing(left) == len(where.row) // 2
 
 
 def test_contours_of_a_field_are_where_the_branches_have_its_frequency():

@@ -11,8 +11,6 @@ from magphonon import (
     analytic_bands,
     lattices,
     propagate,
-    read_scene,
-    units as u,
 )
 from magphonon.bands import Bands, complex_bands
 from magphonon.bands.bloch import damped_modes
@@ -20,24 +18,7 @@ from magphonon.cli.main import main
 from magphonon.response import first_order
 from magphonon.scenes.scene import Scene
 
-GAMMA_M = (0, 1, 0)
-FORTY = 2 * np.pi * 40 * u.Hz
 CUTOFF_Hz, EDGE_Hz = 26.550686524, 51.8276683282  # shear along Gamma-M: f^2 = cut-off^2 + (edge sin(xi/2))^2
-EDGE_D0_Hz = np.sqrt(2 * 4.5824 * 0.236895178822 / (0.01 * 7.07e-4)) / (2 * np.pi)  # 2 a f/(L M), without D*
-C = 4 / u.s
-
-
-def closed(edge, c=C):
-    """Shear wave of the prototype at 40 Hz with losses, `f^2 + i f c/2 pi` in place of f^2."""
-    return 2 * np.arcsin(np.sqrt(40**2 + 1j * 40 * c * 1e3 / (2 * np.pi) - CUTOFF_Hz**2) / edge)
-
-
-@pytest.mark.parametrize(('model', 'edge'), [('complete', EDGE_Hz), ('conventional', EDGE_D0_Hz)])
-def test_shear_wave_of_the_prototype_decays_as_the_closed_form(model, edge):
-    xi = complex_bands(read_scene('prototype').atoms(), GAMMA_M, [FORTY], model, damping=C).xi[0]
-    assert abs(xi - closed(edge)).min() < 1e-9  # the edges carry eleven digits
-    assert closed(EDGE_Hz).imag == pytest.approx(0.0201104, abs=5e-8)
-    assert closed(EDGE_D0_Hz).imag == pytest.approx(0.0102581, abs=5e-8)  # half of it: D0 alone is told from D0 + D*
 
 
 def test_losses_bring_the_wave_of_a_crest_that_runs_backwards_a_negative_phase():

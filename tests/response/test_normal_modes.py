@@ -141,19 +141,7 @@ def test_modes_are_those_about_rest():
     np.testing.assert_array_equal(modes(moved).omega, modes(atoms).omega)
 
 
-OMEGA, GAMMA = np.linspace(0.1, 1.3, 25), 0.05  # from below the cut-off at 0.167 rad/ms to above omega_max = 0.94
-
-
-def test_decay_in_the_gap_is_resolved_far_below_the_driven_motion():
-    atoms = chain(200, foundation=2.0)
-    omega, gamma = np.array([0.2]), 0.01
-    found = frequency_response(atoms, pushed(atoms, 100), omega, gamma, particles=np.arange(100, 110)).response[0, :, 0]
-    # evanescent wave of the infinite chain: 2 - x - 1/x = (m w^2 - i m g w - k)/K
-    D = (MASS * (omega[0] ** 2 - 1j * gamma * omega[0]) - 2.0) / SPRING
-    x = np.roots([1, D - 2, 1])
-    decay = x[abs(x).argmin()]
-    np.testing.assert_allclose(found[1:] / found[:-1], decay, rtol=1e-8)  # tolerance of 1e-9 of the driven, 0.4 a site
-    assert abs(decay) < 0.5
+GAMMA = 0.05
 
 
 @pytest.mark.parametrize('count', few_first([20, 200], 1))

@@ -9,7 +9,7 @@ from motion import L0, LAW, MASS
 from scipy.integrate import cumulative_trapezoid
 from structures import few_first
 
-from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed
+from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.bands import lattice_density
 from magphonon.response import density_of_states, natural_frequencies
 from magphonon.response.chebyshev import Interval, SpectralMoments, stable_interval, whole_interval
@@ -164,8 +164,3 @@ def test_a_mode_at_the_bound_of_all_frequencies_is_on_the_default_grid(seed):
     equal = bound * (np.arange(64) + 0.5) / 64
     control = density_of_states(ring, equal, moments=512, vectors=4)
     assert abs(np.trapezoid(control.density, equal) / len(exact) - 1) > 0.02
-
-
-def test_modes_about_rest_and_density_agree_on_their_number():
-    _, atoms = disturbed(4)
-    assert density_of_states(atoms, moments=16, vectors=2).modes == len(modes(atoms).omega)

@@ -49,29 +49,10 @@ def test_products_of_drawn_structures():
         assert stencil.row_sum >= (1 - 1e-12) * row_sum
         if not atoms.pbc.any():  # in small cells bonds of opposite sign join the same two
             assert stencil.row_sum == pytest.approx(row_sum, rel=1e-12)
-        if stencil.proves_stable:
-            assert np.linalg.eigvalsh(system.K.toarray())[0] >= -1e-11 * row_sum
+        if chebyshev.none_negative(stencil, system.directions, 300):
+            assert np.linalg.eigvalsh(system.K.toarray())[0] >= 0
         on_grids, each = on_grids + 1, each + (stencil.D.ndim == 3)
     assert min(each, on_grids - each) > 2
-
-
-def test_stable_patches_are_proved_so_up_to_the_softest_wave():
-    law, cell = InversePower(1.0, 0.5), lattices.triangular(1.0, 1.0)
-    cell.calc = MagneticRepulsion(cell, law)
-    q = np.stack([*np.meshgrid(*[np.arange(0, 1, 1 / 120)] * 2), np.zeros((120, 120))], axis=-1).reshape(-1, 3)
-    softest = -np.linalg.eigvalsh(LinearSystem.of(cell).bloch(q))[:, 0].min()  # what springs must make up for
-    assert softest > 0.1
-
-    def proved(foundation, masses=1.0, strengths=1.0):
-        patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 9.0)
-        patch.set_masses(np.broadcast_to(masses, len(patch)))
-        patch.calc = MagneticRepulsion(patch, law, foundation=foundation, strengths=np.broadcast_to(strengths, len(patch)))
-        return stencil_of(LinearSystem.about(patch.calc, patch)).proves_stable
-
-    assert proved(1.001 * softest)
-    assert not proved(0.999 * softest)  # though a patch this small would be stable
-    assert not proved(2 * softest, masses=np.linspace(1, 1.1, 271))  # not by this proof: bonds are not alike
-    assert not proved(2 * softest, strengths=np.linspace(1, 1.1, 271))
 
 
 @pytest.mark.parametrize('scattered', [0.0, 0.2], ids=['alike', 'own strengths'])

@@ -4,15 +4,17 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
 from oracles import Pairs, free_basis
+from scipy import sparse
 from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, frequency_response, lattices
 from magphonon.response import frf
+from magphonon.response.chebyshev import Matrix, none_negative
 from magphonon.response.frf import harmonic_response
 from magphonon.response.normal_modes import SMALL
 from magphonon.stiffness.rest import LinearSystem
 
-L0 = 10.0
+L0, HOLES = 10.0, 5
 TOLERANCE = 1e-9  # the default, at each frequency, of the largest displacement of the particles that are asked for
 
 
@@ -85,14 +87,15 @@ def test_what_keeps_its_digits_anyway_is_not_solved_again(monkeypatch):
 
 
 class Patch:
-    """A patch of 120 to 180 free particles of different masses, at rest on a foundation, and its stiffness by the oracle."""
+    """A patch with holes of 150 to 250 free particles of different masses, on a foundation, and its stiffness by the oracle."""
 
     def __init__(self, seed, model='complete'):
         rng = np.random.default_rng(seed)
         kind, held = ('square', 'honeycomb')[seed % 2], 0
         while not SMALL < 2 * held < 500:
             atoms = lattices.rectangle(getattr(lattices, kind)(L0, 0.7), *rng.uniform(90, 250, 2))
-            held = (atoms.get_tags() != lattices.RIM).sum()
+            held = (atoms.get_tags() != lattices.RIM).sum() - HOLES
+        del atoms[rng.choice(np.flatnonzero(atoms.get_tags() != lattices.RIM), HOLES, replace=False)]
         atoms.set_masses(rng.uniform(0.5, 1.5, len(atoms)))
         self.law = InversePower(b=rng.uniform(1e3, 1e4), a=rng.uniform(2, 6))
         self.atoms, self.model, self.B = atoms, model, free_basis(atoms, 2)
@@ -104,7 +107,7 @@ class Patch:
 
     def on(self, foundation):
         atoms = self.atoms.copy()
-        atoms.calc = MagneticRepulsion(atoms, self.law, foundation=foundation, model=self.model)
+        atoms.calc = MagneticRepulsion(atoms, self.law, foundation=foundation, model=self.model).balanced(np.arange(len(atoms)))
         return atoms
 
     def exact(self, foundation, omega, gamma):
@@ -132,6 +135,19 @@ def test_unstable_structures_are_refused_however_weakly(seed):
             growth = np.sqrt(-np.linalg.eigvalsh(np.linalg.solve(np.sqrt(patch.M), np.linalg.solve(
                 np.sqrt(patch.M), patch.H + (1 - share) * needed * np.eye(len(patch.H))).T))[0])
             assert float(str(refused.value).split('the rate ')[1].split()[0]) == pytest.approx(1e3 * growth, rel=1e-3)
+
+
+@pytest.mark.parametrize('seed', few_first(range(20), 2))
+def test_a_random_vector_shows_which_side_of_the_threshold(seed):
+    """Patches with holes and drawn masses: what is just stable passes without a factorisation, what is just unstable never."""
+    rng, patch = np.random.default_rng(seed), Patch(seed)
+    K = patch.H / np.sqrt(np.outer(np.diag(patch.M), np.diag(patch.M)))
+    low, high = np.linalg.eigvalsh(K)[[0, -1]]
+    for share in 10 ** rng.uniform(-5, -1, 2):
+        above, below = (Matrix(sparse.csr_array(K + (sign * share * (high - low) - low) * np.eye(len(K)))) for sign in (1, -1))
+        assert none_negative(above, len(K), int(60 / np.sqrt(share)))
+        assert not none_negative(above, len(K), int(2 / np.sqrt(share)))  # the control: too few products to tell
+        assert not none_negative(below, len(K), int(60 / np.sqrt(share)))
 
 
 @pytest.mark.slow

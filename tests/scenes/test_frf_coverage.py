@@ -29,7 +29,7 @@ def specimen(folder, kind, seed, points=70, places=PLACES):
     rng = np.random.default_rng([seed, sum(map(ord, kind))])
     shape = bench.power_law(force, A, L) if force else bench.disc_force(*DISC)
     off = np.exp(rng.uniform(-0.1, 0.1, 4))
-    table = (f'kind = "inverse_power"\nforce_N = {force * off[0]}\na = {A * off[1]}' if force else
+    table = (f'kind = "inverse_power"\nb_N_m_a = {force * off[0] * L ** (A * off[1])}\na = {A * off[1]}' if force else
              f'kind = "magnets"\nring = {{outer_diameter_m = {2 * DISC[0]}, height_m = {DISC[1]}}}\n'
              f'remanence_T = {DISC[2] * off[0]}')
     (folder / 'lab.toml').write_text(

@@ -72,10 +72,11 @@ def scene_of(folder, name, truth, rng, two_springs, shells='"auto"'):
     kind = LATTICES[name]
     force, a, x, y = (float(truth[key] * np.exp(0.1 * rng.standard_normal()))
                       for key in ('force', 'a', 'foundation_x', 'foundation_y'))
+    b = force * kind['spacing'] ** a
     springs = f'stiffness_N_per_m = {x}\nstiffness_y_N_per_m = {y}' if two_springs else f'stiffness_N_per_m = {(x + y) / 2}'
     (folder / 'lab.toml').write_text(
         f'title = "laboratory"\n[lattice]\nkind = "triangular"\nspacing_m = {kind["spacing"]}\nmass_kg = {kind["mass"]}\n[law]\n'
-        f'kind = "inverse_power"\nforce_N = {force}\na = {a}\nshells = {shells}\n[foundation]\n{springs}\n')
+        f'kind = "inverse_power"\nb_N_m_a = {b}\na = {a}\nshells = {shells}\n[foundation]\n{springs}\n')
     return read_scene(folder / 'lab.toml')
 
 

@@ -1,6 +1,5 @@
 """The table [foundation.out_of_plane]: supports along z."""
 
-import numpy as np
 import pytest
 from scene_files import ready_scene
 
@@ -72,13 +71,6 @@ def test_a_patch_moves_out_of_the_plane_too(tmp_path):
 def test_what_cannot_be_computed_out_of_the_plane_is_refused(tmp_path, kind, more, words):
     with pytest.raises(ValueError, match=words):
         scene_of(tmp_path, more, kind)
-
-
-def test_the_ready_layer_has_a_backward_branch_above_the_plane(tmp_path):
-    atoms = read_scene(str(ready_scene('layer'))).atoms()
-    D = atoms.calc.bloch_matrix(np.array([[0, 0, 0], [0.5, 0, 0], [2 / 3, 1 / 3, 0]]))
-    unit = 3.3e-20 / 8e-4**3 / 1000  # strength/spacing^3 in N/mm
-    assert (2.6e-12 - D[:, 2, 2].real) / unit == pytest.approx([0, 6.988902886, 7.418527680], abs=1e-8)
 
 
 def test_the_report_of_modes_names_the_branch_out_of_the_plane(tmp_path, capsys):

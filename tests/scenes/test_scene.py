@@ -29,23 +29,6 @@ LAWS = {
 # --- what comes with the package -------------------------------------------------------------------------------------
 
 
-def test_prototype_is_the_papers(tmp_path):
-    """Frequencies of the supplement, recomputed in 50-digit arithmetic; 1e-9 is the accuracy wanted, round-off is 1e-14."""
-    numbers = reference()['prototype']
-    scene = read_scene(ready_scene('bench'))
-    atoms = scene.atoms()
-    assert_allclose(scene.foundation.stiffness / (u.N / u.m), numbers['k_eq'], rtol=1e-9)
-    assert_allclose(repulsion(atoms.calc.laws, 10 * u.mm) / u.N, numbers['f_at_spacing'], rtol=1e-9)
-    path = scene.band_path()
-    assert len(path.kpts) == 300
-    for model in ('complete', 'conventional'):
-        bands = analytic_bands(atoms, path, model=model).frequencies_Hz
-        at = {name: abs(path.kpts - point).max(axis=1).argmin() for name, point in path.special_points.items()}
-        assert_allclose(bands[at['G']], [numbers['gamma_Hz']] * 2, rtol=1e-9)
-        assert_allclose(bands[at['M']], numbers[f'M_{model}_Hz'], rtol=1e-9)
-        assert_allclose(bands[at['K']], [numbers[f'K_{model}_Hz']] * 2, rtol=1e-9)
-
-
 def test_every_ready_scene_reads_and_says_where_its_numbers_come_from():
     assert {'prototype', 'ideal', 'square'} <= set(ready_scenes())
     for file in ready_scenes().values():

@@ -193,7 +193,7 @@ def test_the_conventional_model_has_its_own_shifts():
 
 @pytest.mark.parametrize('beside', few_first([0.1, 0.03, 0.01], 1))
 def test_the_second_harmonic_says_where_the_shift_is_trusted(beside):
-    """A chain beside its 2:1 resonance, against Newton on the Fourier series: right to a tenth up to `trusted`, not far above."""
+    """A chain beside its 2:1 resonance, against Newton on the Fourier series: right to a tenth while it is small."""
     cell = lattices.chain(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, LAW, foundation=8.0 * (1 + beside))  # transverse at q = 1/4 meets longitudinal at 1/2
     shifts = frequency_shifts(cell, (0.25, 0, 0))
@@ -203,10 +203,9 @@ def test_the_second_harmonic_says_where_the_shift_is_trusted(beside):
         w, W = travelling_wave(cell, 4, wave, A, 'complete')
         return abs(shifts.curvature[wave] * A**2 / (W / w - 1) - 1)
 
-    A = shifts.trusted()[wave]
+    A = 0.05 / shifts.harmonic[wave]
     assert wrong(A / 3) < wrong(A) < 0.1
     assert wrong(6 * A) > 0.2  # the control
-    assert abs(shifts.harmonic[wave] * A) == pytest.approx(0.05)
     assert shifts.amplitude(0.01) > (2 if beside < 0.02 else 0.0) * A  # where 1 % is predicted, it is not trusted beside the pole
 
 
@@ -221,7 +220,7 @@ def test_a_second_harmonic_that_is_a_wave_takes_all():
         return frequency_shifts(cell, (q, 0, 0)).curvature[0]
 
     assert across(resonant) == np.inf
-    assert frequency_shifts(cell, (q, 0, 0)).trusted()[0] == 0
+    assert frequency_shifts(cell, (q, 0, 0)).harmonic[0] == np.inf
     below, above = across(0.999 * resonant), across(1.001 * resonant)
     assert below * above < 0  # the pole
     assert min(abs(below), abs(above)) > 30 * abs(across(2 * resonant))

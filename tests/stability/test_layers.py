@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices, relaxed, verdict
-from magphonon.bands import bloch_modes
+from magphonon import InversePower, MagneticRepulsion, lattices, relaxed, verdict
 from magphonon.interactions import UprightMagnets
 
 LAW = InversePower(6000.0, 4.5824)
@@ -51,40 +50,6 @@ def test_the_verdict_turns_at_the_support_that_the_softest_wave_needs(name, upri
     planar = MagneticRepulsion(atoms, law.law, foundation=1.0)
     atoms.calc = planar
     assert verdict(atoms)['out_of_plane'] is None
-
-
-def test_the_growth_out_of_the_plane_is_that_of_a_run():
-    """A run of a supercell in the mode at K grows as the verdict says; held flat it does not."""
-    cell = lattices.triangular(10.0, 0.7)
-    needed = 9 * -LAW.dphi(10.0) / 10.0
-    cell.calc = MagneticRepulsion(cell, LAW, foundation=[[1.0, 1.0, 0.9 * needed]])
-    rate = verdict(cell)['out_of_plane'].growth
-    assert rate == pytest.approx(np.sqrt(0.1 * needed / 0.7), rel=1e-9)
-    atoms = cell.repeat((3, 3, 1))
-    atoms.calc = cell.calc.on(atoms)
-    wave = np.cos(2 * np.pi * (atoms.get_scaled_positions() @ [2, 1, 0]))  # q = (2/3, 1/3) of the cell
-    start, steps, dt = 1e-5, 400, 0.02
-    atoms.positions[:, 2] += start * wave
-    DrivenVerlet(atoms, dt, engine='ase').run(steps)
-    grown = atoms.positions[:, 2] @ wave / (wave @ wave) / start
-    assert grown == pytest.approx(np.cosh(rate * steps * dt), rel=1e-3)  # (w dt)^2/24 steps of Verlet, z of second order
-    assert abs(atoms.positions - atoms.calc.reference.positions)[:, :2].max() < 1e-6 * start
-
-
-def test_a_stable_layer_vibrates_at_its_bloch_frequency():
-    cell = lattices.honeycomb(10.0, 0.7)
-    cell.calc = MagneticRepulsion(cell, UprightMagnets(LAW), foundation=[[1.0, 1.0, 3.0]])
-    omega, modes = bloch_modes(cell, [[0.5, 0, 0]], vectors=True)
-    branch = (abs(modes[0, :, :, 2]) ** 2).sum(axis=1).argmax()
-    atoms = cell.repeat((2, 1, 1))
-    atoms.calc = cell.calc.on(atoms)
-    shape = np.concatenate([modes[0, branch].real, -modes[0, branch].real])
-    assert abs(shape[:, :2]).max() < 1e-12
-    atoms.positions += 1e-6 * shape
-    dt, steps = 0.01, 300
-    DrivenVerlet(atoms, dt, engine='ase').run(steps)
-    z = (atoms.positions - atoms.calc.reference.positions)[:, 2] @ shape[:, 2] / (shape[:, 2] @ shape[:, 2]) / 1e-6
-    assert z == pytest.approx(np.cos(omega[0, branch] * dt * steps), abs=1e-4)
 
 
 def test_below_the_threshold_a_layer_relaxes_to_a_zigzag_out_of_its_plane_and_above_it_does_not():

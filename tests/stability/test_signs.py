@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, relaxed, units as u, verdict
+from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, relaxed, verdict
 from magphonon.bands.bloch import bloch_modes
-from magphonon.interactions import Attraction
-from magphonon.interactions.bond_laws import law_from_dict, law_to_dict
-from magphonon.stiffness import AllNeighbours, PairCalculator, substituted
+from magphonon.stiffness import AllNeighbours, substituted
 
 LAW = InversePower(b=0.2 * 10.0**4, a=4.0)
 
@@ -51,21 +49,6 @@ def test_a_magnet_upside_down_comes_to_rest_nearer_to_its_neighbours():
     beside = np.sort(np.linalg.norm(rest.positions - rest.positions[middle], axis=1))[1:7]
     weaker = relaxed(substituted(patch, middle, strength=0.5)).atoms
     assert beside.max() < np.sort(np.linalg.norm(weaker.positions - weaker.positions[middle], axis=1))[1] < 10
-
-
-def test_couplings_of_both_signs_need_half_the_stiffness_of_neighbours():
-    """Second neighbours attract half as stiffly as neighbours repel (arXiv:2505.22844)."""
-    law = InversePower(1.6209e-10 * u.N * u.m**4.5824, 4.5824)
-    far = Attraction(InversePower(2**4.5824 * law.b, law.a))
-    cell = lattices.chain(10.0, 0.707).repeat((4, 1, 1))
-    cell.set_tags([0, 1, 2, 3])
-    laws = {(a, b): far if b - a == 2 else law for a in range(4) for b in range(a, 4)}
-    cell.calc = PairCalculator(cell, laws, shells=2, foundation=[[0.06, 0.12]])
-    k1 = 4.5824 * 1.6209e-10 * 0.01**-5.5824
-    assert verdict(cell)
-    assert critical_foundation(cell).k == pytest.approx(k1 / 2 * 1e-3, rel=1e-5)
-    assert law_from_dict(law_to_dict(far)) == far
-    assert far.dphi(20.0) > 0
 
 
 def test_the_sum_over_all_neighbours_is_one_of_repulsion():

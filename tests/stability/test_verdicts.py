@@ -10,7 +10,6 @@ from scipy.optimize import minimize_scalar
 from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, read_scene, verdict
-from magphonon.dynamics import Constant
 from magphonon.interactions import Spring, Yukawa
 from magphonon.stability import frequency_shifts, verdicts
 from magphonon.stability.buckling import critical_spacing, critical_support, softest_of
@@ -46,13 +45,14 @@ def test_contact_is_seen_in_the_present_positions():
         assert verdict(pair).fine == fine
 
 
-def test_balanced_by_a_constant_force():
+def test_balanced_by_a_dead_load():
     atoms = lattices.oscillator(0.0, 1.0, 1.0)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), bonds=lattices.OSCILLATOR_BONDS)
     found = verdict(atoms)
     assert (found['residual'], found.case.force) == pytest.approx((1.0, 1.0), rel=1e-12)  # the lower magnet: the outer two cancel
     assert 'as large as the force in a bond' in found.faults[0]
-    assert verdict(atoms, [Constant(3, (0, -1), 1.0)]).fine
+    atoms.calc = atoms.calc.balanced([3])
+    assert verdict(atoms).fine
 
 
 def test_linear_amplitude_is_that_of_the_softest_wave_or_none():
@@ -244,12 +244,6 @@ def test_a_structure_of_which_nothing_can_move_is_refused_in_words(tool, finite)
     atoms.set_constraint(FixAtoms([0]))
     if not finite:
         tool(atoms)
-
-
-def test_a_planar_structure_is_in_its_plane_already():
-    atoms = lattices.square(1.0, 1.0)
-    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=5.0)
-    assert atoms.calc.in_plane() is atoms.calc
 
 
 class Slip(InversePower):

@@ -93,13 +93,6 @@ def test_speeds_without_bound_have_the_signs_of_long_waves(kind, s, model, signs
     assert (abs(fast) > 1.5 * abs(slow)).all()  # (k/k')^((d-s)/2): a factor 2 at the least
 
 
-def test_square_wigner_crystal_is_unstable():
-    """Bonsall and Maradudin found its transverse speed along a side imaginary; D0 alone does not know."""
-    square = with_all(lattices.square(1.0, 1.0), COULOMB)
-    assert sound_speeds(square)[0] < -0.1
-    assert bloch_modes(square, [[0.1, 0, 0]])[0].min() < 0 < bloch_modes(square, [[0.1, 0, 0]], 'conventional')[0].min()
-
-
 def test_plasma_oscillates_at_its_frequency_in_space():
     """In three dimensions the squared frequencies of a Coulomb crystal add up to w_p^2 = 4 pi n e^2/m (Kohn's sum rule)."""
     cell = Atoms('Nd', masses=[1.0], cell=np.array([[-1, 1, 1], [1, -1, 1], [1, 1, -1]]) / 2, pbc=True)

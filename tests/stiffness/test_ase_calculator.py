@@ -108,14 +108,6 @@ def test_written_and_read_again(tmp_path, name):
     assert back.get_potential_energy() == pytest.approx(energy, rel=1e-8)
 
 
-def test_fixed_particles_keep_their_forces_for_those_who_ask():
-    patch = lattices.hexagon(lattice('triangular'), 30)
-    patch.calc = MagneticRepulsion(patch, LAW)
-    rim = patch.get_tags() == lattices.RIM
-    assert not patch.get_forces()[rim].any()
-    assert np.linalg.norm(patch.get_forces(apply_constraint=False)[rim], axis=1).min() > 0
-
-
 def test_one_particle_that_is_wrapped_across_the_border_is_where_it_was():
     # A tenth of a period out of the cell; wrapped it stands nine tenths away, less than a period.
     atoms = lattice('triangular').repeat((4, 4, 1))
@@ -148,11 +140,3 @@ def test_a_calculator_made_of_another_does_not_warn_again():
     assert warning.filename == __file__  # the line that made it, not one of the package
     calc.about(cell, foundation=0.0)
     calc.on(cell.repeat((2, 2, 1)))
-
-
-@pytest.mark.parametrize(('spacing', 'mass', 'frequency'),
-                         [(1e4, 1e7, 0.01), (0.3, 5e-10, 10), (1e-3, 1e-27, 1e9), (3e-7, 6.6e-23, 1e12)])
-def test_slow_and_fast_lattices_that_exist_are_left_in_peace(spacing, mass, frequency):
-    """Blocks of ten tonnes, dust, trapped ions and atoms: spacing in mm, mass in g, about so many Hz."""
-    stiffness = mass * (2 * np.pi * frequency * u.Hz) ** 2
-    MagneticRepulsion(lattices.square(spacing, mass), InversePower(b=stiffness / 4 * spacing**5, a=4.0))

@@ -11,7 +11,7 @@ from magphonon import MagneticRepulsion, lattices
 from magphonon.bands import finite_displacements
 from magphonon.interactions import Overlap
 from magphonon.response import replicas
-from magphonon.stiffness import Scatter, restored, scattered, substituted, with_interstitial, with_vacancies
+from magphonon.stiffness import Scatter, restored, scattered, substituted, with_vacancies
 from magphonon.stiffness.sites import Sites
 
 EACH = {
@@ -69,11 +69,6 @@ def of_another_mass(atoms, rng):
     return substituted(atoms, 2, mass=2.0), np.arange(len(atoms)), 0.0
 
 
-def one_more(atoms, rng):
-    found = with_interstitial(atoms, atoms.positions[4] + [1.0, 2.0, 0.0])
-    return with_vacancies(found, len(atoms)), np.arange(len(atoms)), 0.0
-
-
 def scatter(atoms, rng):
     return scattered(atoms, Scatter(position=0.1, mass=0.05), 1), np.arange(len(atoms)), 0.0
 
@@ -92,7 +87,7 @@ def changed(atoms, rng):
     return other, np.arange(len(atoms)), 0.0
 
 
-WAYS = supercell, elsewhere, balanced, vacancies, of_another_mass, one_more, scatter, several, copied, changed
+WAYS = supercell, elsewhere, balanced, vacancies, of_another_mass, scatter, several, copied, changed
 
 
 def lost(atoms, values, image, moved):

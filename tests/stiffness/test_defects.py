@@ -6,16 +6,14 @@ from numpy.testing import assert_allclose
 
 from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.interactions import UprightMagnets
-from magphonon.response import natural_frequencies
 from magphonon.stiffness.defects import (
     Scatter,
     scattered,
     site_normals,
     substituted,
-    with_interstitial,
     with_vacancies,
 )
-from tests.oracles import LAWS, neighbour_vectors
+from tests.oracles import LAWS
 
 LAW = LAWS['magnets']
 
@@ -86,81 +84,6 @@ def test_substitutions(seed):
     springs[k] *= 0.2
     same(found, built(changed, calc, np.arange(len(atoms)), strengths=calc.strengths * factors, foundation=springs))
     assert atoms.calc is calc  # what was given stays
-
-
-def test_another_kind_has_another_law():
-    atoms = lattices.triangular(10.0, 0.7).repeat((4, 4, 1))
-    laws = {(0, 0): LAW, (0, 1): LAWS['yukawa']}
-    atoms.calc = MagneticRepulsion(atoms, laws)
-    found = substituted(atoms, 5, kind=1)
-    assert found.get_tags().tolist() == [int(k == 5) for k in range(16)]
-    # the push on a neighbour is that of the other law
-    j = int(found.calc.bonds.j[found.calc.bonds.i == 5][0])
-    push = np.linalg.norm(found.get_forces()[j])
-    assert push == pytest.approx(abs(LAW.dphi(10.0) - LAWS['yukawa'].dphi(10.0)), rel=1e-9)
-    assert abs(atoms.get_forces()).max() < 1e-9  # before, all are in balance
-
-
-@pytest.mark.parametrize('mu', [0.3, 0.5, 0.8])
-def test_a_light_mass_in_a_chain(mu):
-    """The known mode above the band: omega/omega_max = 1/sqrt(mu (2 - mu)), beside the band's own."""
-    chain = lattices.chain(10.0, 0.7).repeat((80, 1, 1))
-    chain.calc = MagneticRepulsion(chain, LAW)
-    top = 2 * np.sqrt(LAW.d2phi(10.0) / 0.7)
-    assert natural_frequencies(chain).max() == pytest.approx(top, rel=1e-12)
-    light = natural_frequencies(substituted(chain, 40, mass=mu)).max()
-    # the tail falls by (2 - mu)/mu per site: after 40 sites it is 1e-7 for mu = 0.8, squared 1e-14
-    assert light / top == pytest.approx(1 / np.sqrt(mu * (2 - mu)), rel=1e-10)
-
-
-@pytest.mark.parametrize('seed', [1, 3, 0])
-def test_an_interstitial_repels_all_within_reach(seed):
-    atoms, _ = supercell(seed)
-    place = atoms.positions[len(atoms) // 2] + [4.7, 2.9, 0]
-    found = with_interstitial(atoms, place[:2], mass=0.5, strength=0.4, stiffness=0.7)
-    n = len(atoms)
-    like = np.linalg.norm(atoms.positions - place, axis=1).argmin()
-    assert_allclose(found.positions[-1], place)
-    assert found.get_masses()[-1] == 0.5 * atoms.get_masses()[like]
-    assert found.calc.strengths[-1] == 0.4 * atoms.calc.strengths[like]
-    assert_allclose(found.calc.foundation[-1], 0.7 * atoms.calc.foundation[like])
-    assert np.array_equal(found.calc.anchors[-1], found.positions[-1])
-    # its force, and that on the others, summed by brute force over all images
-    push = np.zeros((n + 1, 3))
-    for i, j, _, d in neighbour_vectors(found, 12.0):
-        if n in (i, j):
-            r = np.linalg.norm(d)
-            push[i] += found.calc.strengths[i] * found.calc.strengths[j] * LAW.dphi(r) * d / r
-    raw = found.get_forces(apply_constraint=False)
-    raw[:n] -= atoms.get_forces(apply_constraint=False)
-    assert_allclose(raw, push, rtol=0, atol=1e-11 * abs(push).max())
-    with pytest.raises(ValueError, match='no neighbour within 12 mm'):
-        with_interstitial(atoms if not atoms.pbc.any() else supercell(0)[0], [900.0, 0.0])
-
-
-def test_interstitials_may_come_in_any_order():
-    """The reach of the first, which has a neighbour at 13.2 mm, or has none beyond 11.5 mm, is not that of the second."""
-    cell = lattices.triangular(10.0, 0.7).repeat((5, 5, 1))
-    cell.calc = MagneticRepulsion(cell, LAW, foundation=1.0)  # within 13.66 mm
-    three, two = cell.positions[6, :2] + [5.0, 2.887], cell.positions[13, :2] + [5.0, 0.0]
-    found = [with_interstitial(with_interstitial(cell, a), b) for a, b in ((three, two), (two, three))]
-    assert [len(atoms.calc.bonds) for atoms in found] == [len(cell.calc.bonds) + 6 + 8] * 2
-    exchanged = [*range(25), 26, 25]
-    forces, others = (atoms.get_forces() for atoms in found)
-    assert_allclose(forces, others[exchanged], rtol=0, atol=1e-13 * abs(forces).max())
-
-
-@pytest.mark.parametrize('seed', range(2))
-def test_an_interstitial_of_a_relaxed_structure_reaches_as_far_as_its_longest_bond(seed):
-    cell = lattices.triangular(10.0, 0.7).repeat((6, 6, 1))
-    cell.calc = MagneticRepulsion(cell, LAW, foundation=1.0)
-    rest = relaxed(scattered(cell, Scatter(0.3), seed=seed)).atoms
-    reach = rest.calc.bonds.lengths.max()
-    place = np.random.default_rng(seed).uniform(20, 30, 2)
-    found = with_interstitial(rest, place)
-    near = sum(36 in (i, j) for i, j, *_ in neighbour_vectors(found, reach)) // 2
-    assert rest.calc.bonds.cutoff is None
-    assert len(found.calc.bonds) == len(rest.calc.bonds) + near
 
 
 @pytest.mark.parametrize('law', [LAW, UprightMagnets(LAW)])

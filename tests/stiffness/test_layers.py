@@ -7,8 +7,6 @@ from oracles import second_derivatives
 from magphonon import InversePower, MagneticRepulsion, finite_displacements, lattices, phonopy_bands, units as u, verdict
 from magphonon.bands import band_path, bloch_modes, sound_speeds
 from magphonon.interactions import UprightMagnets, Yukawa
-from magphonon.interactions.magnet_pairs import magnet_law, pair_force
-from magphonon.interactions.magnets import Ring
 from magphonon.stability import frequency_shifts
 from magphonon.stiffness import AllNeighbours, elastic_moduli
 
@@ -55,14 +53,6 @@ def test_upright_dipoles_have_the_stiffness_of_the_dipoles_energy():
     law = InversePower.dipoles(moment)
     assert UprightMagnets(law).vertical(10.0) == pytest.approx(H[2, 2], rel=1e-11)
     assert law.dphi(10.0) / 10.0 == pytest.approx(H[2, 2] / 3, rel=1e-11)  # control: three times too weak
-
-
-def test_upright_rings_have_the_stiffness_of_the_force_between_displaced_rings():
-    ring = Ring(6.35, 1.5875, 3.175, 1.3 * u.T)
-    law, h, r = UprightMagnets(magnet_law(ring)), 1e-3, 10.0
-    ends = [pair_force(ring, ring, (r, 0, z))[2] for z in (h, -h)]
-    # the force on the displaced ring is -dU/dz; error of the difference h^2/r^2 = 1e-8
-    assert law.vertical(r) == pytest.approx(-(ends[0] - ends[1]) / (2 * h), rel=1e-6)
 
 
 def test_moduli_in_the_plane_are_those_of_the_planar_lattice():

@@ -5,9 +5,7 @@ import re
 import numpy as np
 import pytest
 from ase import Atoms
-from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
-from scipy.optimize import brentq
 
 from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, modes
 from magphonon.interactions.pair_laws import repulsion
@@ -42,19 +40,6 @@ def test_second_neighbours_push_the_row_inside_the_rim(foundation):
         linear = -rest.calc.get_hessian(rest) @ (pushed.positions - rest.positions).ravel()
         error = abs(pushed.get_forces() - linear.reshape(-1, 3))[~rim].max() / abs(linear).max()
         assert (error < 1e-4) == holds
-
-
-def test_one_particle_between_two_rests_where_the_forces_balance():
-    """On a spring anchored off the middle, by a root search in one dimension; the anchor stays."""
-    line = Atoms('Nd3', positions=[[-10, 0, 0], [1.0, 0, 0], [10, 0, 0]], masses=[1, 1, 1])
-    line.set_constraint(FixAtoms([0, 2]))
-    line.calc = MagneticRepulsion(line, LAW, bonds=[(0, 1), (1, 2)], foundation=0.05)
-    expected = brentq(lambda x: repulsion(LAW, 10 + x) - repulsion(LAW, 10 - x) - 0.05 * (x - 1), -5, 5, xtol=1e-14)
-    result = relaxed(line, tolerance=1e-12)
-    assert_allclose(result.atoms.positions[1], [expected, 0, 0], atol=1e-9)
-    assert 0 < expected < 1
-    assert result.atoms.calc.anchors[1, 0] == 1.0
-    assert_allclose(result.atoms.calc.reference.positions[1], [expected, 0, 0], atol=1e-9)
 
 
 def test_what_buckles_is_refused():

@@ -40,15 +40,6 @@ def test_both_calculators_agree_where_the_law_ends_within_the_shells(name):
     assert near.model == endless.model == 'complete'
 
 
-def test_a_coulomb_crystal_has_one_bloch_model_only():
-    atoms = lattice('fcc')
-    atoms.calc = AllNeighbours(atoms, InversePower(1.0, 2.0))
-    assert atoms.calc.bloch_models == ('complete',)
-    assert attached('fcc', 'AllNeighbours').calc.bloch_models == MODELS
-    with pytest.raises(ValueError, match='diverge'):
-        atoms.calc.bloch_matrix(Q, 'conventional')
-
-
 def test_what_knows_no_single_bonds_is_refused_where_they_are_needed():
     atoms = attached('triangular', 'AllNeighbours')
     with pytest.raises(ValueError, match='AllNeighbours does not have'):

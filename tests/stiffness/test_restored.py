@@ -10,7 +10,7 @@ from ase.io.jsonio import decode, encode
 
 from magphonon import MagneticRepulsion, lattices, magnet_law, relaxed
 from magphonon.interactions import UprightMagnets
-from magphonon.interactions.magnets import Cuboid, Sphere
+from magphonon.interactions.magnets import Cuboid
 from magphonon.stiffness import AllNeighbours, restored
 from tests.oracles import LAWS, Gaussian
 
@@ -67,7 +67,7 @@ def test_a_trajectory_keeps_every_bit(seed, computed, tmp_path):
     assert not np.array_equal(anew.get_forces(), atoms.get_forces())
 
 
-LAWS_OF_MAGNETS = [*OWN.values(), magnet_law(Sphere(8.0, 1.2)), magnet_law(Cuboid(4.0, 6.0, 5.0, 1.1)),
+LAWS_OF_MAGNETS = [*OWN.values(), magnet_law(Cuboid(4.0, 6.0, 5.0, 1.1)),
                    UprightMagnets(OWN['table'])]
 
 

@@ -2,13 +2,9 @@
 
 import numpy as np
 import pytest
-from waves.test_spectrum import CARRIER, OMEGA_M, closed_branch, driven_row
 
 from magphonon.dynamics.motion import Motion
-from magphonon.waves.scan_tables import read_scan, write_scan
 from magphonon.waves.scans import sampled
-from magphonon.waves.spectrum import ridge, wavenumber_frequency
-from magphonon.waves.wave_analysis import compare
 
 
 def test_component_along_a_direction():
@@ -38,23 +34,3 @@ def test_noise_has_its_size_and_its_seed():
     np.testing.assert_array_equal(d.displacements, sampled(still, rate=1.0, noise=3e-5, seed=8).displacements)
     assert (d.displacements != sampled(still, rate=1.0, noise=3e-5, seed=9).displacements).all()
     assert not sampled(still, rate=1.0).displacements.any()
-
-
-@pytest.mark.slow
-def test_a_measured_table_is_analysed_like_a_simulated_record(tmp_path):
-    omega_m = OMEGA_M['shear', 'complete']
-    along = driven_row(omega_m, CARRIER['shear'], points=30, duration=1000, dt=2.0)
-    motion = Motion(2.0 * np.arange(len(along)), np.arange(30), along[..., None] * np.array([0.6, 0.8]))
-    measured = sampled(motion, rate=0.3, noise=0.03 * abs(along).max())
-    write_scan(tmp_path / 'scan.csv', measured)
-    scan = read_scan(tmp_path / 'scan.csv')
-    assert scan.names == tuple(map(str, range(30)))
-    again = Motion(scan.times, np.arange(30), np.stack([scan.motions['x'], scan.motions['y']], axis=2))
-    np.testing.assert_allclose(again.times, measured.times, rtol=1e-14)
-    np.testing.assert_allclose(again.displacements, measured.displacements, rtol=1e-15)
-    found = ridge(wavenumber_frequency(again.along((0.6, 0.8)), again.dt))
-    # the demand is half a bin; noise of 3 % costs a tenth of it
-    assert compare(found, closed_branch(omega_m)).bins < 0.1
-    assert compare(found, closed_branch(2 * omega_m)).bins > 4.5
-    across = wavenumber_frequency(again.along((0.8, -0.6)), again.dt).power.max()
-    assert across < 1e-3 * wavenumber_frequency(again.along((0.6, 0.8)), again.dt).power.max()

@@ -27,8 +27,8 @@ def scene_of(folder, one, rng, more=''):
     off = np.exp(0.1 * rng.uniform(-1, 1, 4)) * [one.truth['force'], 4.2, *one.springs]
     (file := folder / 'scene.toml').write_text(
         f'title = "drawn"\n[lattice]\nkind = "{one.lattice}"\nspacing_m = 0.01\nmass_kg = {MASS}\n{more}[law]\n'
-        f'kind = "inverse_power"\nforce_N = {off[0]}\na = {off[1]}\nshells = "auto"\n[foundation]\nstiffness_N_per_m = {off[2]}\n'
-        f'stiffness_y_N_per_m = {off[3]}\n', encoding='utf-8')
+        f'kind = "inverse_power"\nb_N_m_a = {off[0] * 0.01 ** off[1]}\na = {off[1]}\nshells = "auto"\n'
+        f'[foundation]\nstiffness_N_per_m = {off[2]}\nstiffness_y_N_per_m = {off[3]}\n', encoding='utf-8')
     return read_scene(file)
 
 

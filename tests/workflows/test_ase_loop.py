@@ -13,7 +13,8 @@ def patch():
     return atoms
 
 
-@pytest.mark.parametrize(('engine', 'steps'), [('ase', 120), ('auto', 120), ('compiled', 0)])
+@pytest.mark.parametrize(('engine', 'steps'), [
+    ('ase', 120), ('auto', 120), pytest.param('compiled', 0, marks=pytest.mark.slow)])
 def test_only_steps_of_the_class_count(engine, steps):
     """A short run is done by the class without anybody's asking."""
     before = ase_loop.VelocityVerlet.step

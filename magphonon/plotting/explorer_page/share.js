@@ -27,7 +27,7 @@ function stateOfLink(hash) {
 
 /** The scene with the values of the sliders in place of their names. */
 function sceneText(state) {
-  const force = data.law.kind === 'power' && data.law.force_N * (state.spacing_m / data.law.spacing_m) ** -state.exponent;
-  return Object.entries({...state, force_N: force}).reduce((text, [key, value]) => text.replaceAll(`"{${key}}"`, String(value)),
+  const b_N_m_a = data.law.kind === 'power' && data.law.force_N * data.law.spacing_m ** state.exponent;
+  return Object.entries({...state, b_N_m_a}).reduce((text, [key, value]) => text.replaceAll(`"{${key}}"`, String(value)),
     data.template);
 }
