@@ -323,14 +323,15 @@ class Blocks:
         longest = int(np.ptp(self._runs, axis=1).max())
         room = longest * (1 + -(-self._pad // longest))
         self._pulls = [aligned_zeros((count if ends == 1 else 1, self.calc.dim, room), dtype) for _ in self._parts[1:]]
-        S, q, g = 2 * layout.R / law.r0[kind, None] ** 2, (self.calc.model == 'complete') / law.r0**2, law.g
+        of, q, g = self._first if self._alike else np.s_[:], (self.calc.model == 'complete') / law.r0**2, law.g
+        S = 2 * layout.R[of].T / law.r0[kind[of]] ** 2
         if self._alike:
-            S, q, g = (np.ascontiguousarray(x, dtype) for x in (S[self._first].T, q, g))
+            S, q, g = (np.ascontiguousarray(x, dtype) for x in (S, q, g))
             strength, mine = each(np.ones(len(layout.i))), self._at[self._mobile[:, 0]]
             if all(row[mine].all() and row[mine - offset].all() for row, offset in zip(strength, layout.offset, strict=True)):  # pyright: ignore
                 strength = None  # no bond is missing
         else:
-            S, q, g = each(S.T, -1), each(q[kind]), each(g[kind])
+            S, q, g = each(S, -1), each(q[kind]), each(g[kind])
             strength = each(np.ones(len(kind)) if self._factors is None else (self._factors * (law.r0 / law.r0[0]) ** 2)[kind])
         return Bonds(near, S, q, g, strength)
 
