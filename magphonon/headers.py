@@ -21,8 +21,9 @@ LACKS = 'lacks the column'
 UNIT = re.compile(r'(.*?)\s*(?:\[(.*)\]|\((.*)\)|/(.*)|\bin\s+(\S+))')
 """A name with its unit: r [mm], r (mm), r / mm, r in mm."""
 WORDS = {
-    'r': ('distance', 'abstand', 'd', 'dist', 'separation', 'spacing'), 'gap': ('spalt', 'luftspalt', 'clearance'),
-    'f': ('force', 'kraft', 'load', 'last', 'mean', 'mean_force'), 'direction': ('richtung',), 'time': ('t', 'zeit'),
+    'r': ('distance', 'abstand', 'd', 'dist', 'separation', 'spacing', 'mittenabstand'),
+    'gap': ('spalt', 'luftspalt', 'clearance'),
+    'f': ('force', 'kraft', 'load', 'last', 'mean', 'mean_force', 'weight'), 'direction': ('richtung',), 'time': ('t', 'zeit'),
     'sigma': ('uncertainty', 'unsicherheit', 'std', 'standard_deviation', 'sd', 'error'), 'mass': ('masse',),
     'stroke': ('extension', 'displacement', 'position', 'travel', 'weg', 'traverse', 'standardweg'),
     'frequency': ('f', 'freq', 'frequenz'), 'x': ('x_position', 'pos_x'), 'y': ('y_position', 'pos_y'),

@@ -41,6 +41,7 @@ FORCES = {  # and R, or None where the file is refused
     'd [mm],Force_x [newton],Force_z [newton]\n' + rows(R, F, F): None,  # which is along the line between the magnets?
     'r / cm;F / N\n' + rows(R / 10, F, sign=';'): R,
     'Abstand in mm;Kraft in N\n' + rows(R, F, sign=';', comma=True): R,
+    'Mittenabstand (mm),weight [gf]\n' + rows(R, F / GF): R,
     'Kraft [N];Abstand [mm]\n' + rows(F, R, sign=';', comma=True): R,
     'Distance\tForce\nmm\tN\n' + rows(R, F, sign='\t'): R,
     'Distance\tForce\n[mm]\t[mN]\n' + rows(R, 1e3 * F, sign='\t'): R,

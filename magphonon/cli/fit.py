@@ -203,9 +203,21 @@ def _refuse(options, flags, why):
             raise ValueError(f'--{flag} belongs to {why}')
 
 
+def _forces(file, contact):
+    """The table of forces in a file; ValueError for any other record, whose fit needs a scene."""
+    from ..interactions.force_tables import read_forces
+
+    try:
+        kind, forces = held(file, contact)
+    except ValueError:
+        return read_forces(file, contact)  # which says what a table of forces lacks
+    if kind != 'forces':
+        raise ValueError(f'{file} holds {kind}; name the scene of their lattice first: magphonon fit SCENE.toml {file}')
+    return forces
+
+
 def _fit_forces(options):
     from ..interactions.fits import SharedErrors, fit_forces, scene_entry
-    from ..interactions.force_tables import read_forces
     from ..scenes.scene import read_scene
     from .fit_report import force_report, too_wide
     from .results import results
@@ -219,7 +231,7 @@ def _fit_forces(options):
     if options.output is None and options.style is not None:
         raise ValueError('--style applies to the picture; say with -o DIR where to write it')
     shared = SharedErrors(**dict(options.sigmas))
-    forces = read_forces(file, not_negative('--contact', options.contact or 0.0, 'mm'))  # its messages name the file
+    forces = _forces(file, not_negative('--contact', options.contact or 0.0, 'mm'))  # its messages name the file
     spacing = forces.middle if options.spacing is None else positive('--spacing', options.spacing, 'mm')
     try:
         fit = fit_forces(forces, spacing, shared, options.magnet and read_scene(options.magnet).law.potential())

@@ -15,7 +15,7 @@ from ..design.least_squares import DETERMINED, FITS, NORMAL
 from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, Fit, SharedErrors
 from ..interactions.pair_laws import local_exponent
 from ..scenes.band_fits import ALL, KEYS, NEAREST, TELLS, BandFits
-from ..scenes.frf_fits import UNITS, FrfFits, missing_magnet
+from ..scenes.frf_fits import UNITS, FrfFits, missing_magnet, value_of
 from ..scenes.scene import Scene, toml
 from ..scenes.tolerances import LARGEST_TOLERANCE
 from ..tables import in_columns
@@ -287,7 +287,7 @@ def frf_report(found: FrfFits, fixed: list[str], verbose: bool = True) -> str:
     if verbose:
         lines += ['', found.scene.title, '', *_responses(found, fixed)]
         lines += _of_sites(found) if better.follows and better.site_scatter.any() else []
-    lines += _doubts_of_peaks(found) if better.follows else [_not_followed(found)]
+    lines += _doubts_of_responses(found) if better.follows else [_not_followed(found)]
     values = found.values(better.model)
     for name, sigmas in found.contradicted.items():
         (value, _), (known, sigma) = values[name], found.priors[name]
@@ -321,8 +321,11 @@ def _not_followed(found):
     return f'The lattice does not follow this model: {why}, so no intervals are given. {look}'
 
 
-def _doubts_of_peaks(found):
-    """A warning that points are farther apart than peaks are wide."""
+def _doubts_of_responses(found):
+    """Warnings that points are farther apart than peaks are wide, and that the mass is not in the intervals."""
+    if 'mass' not in found.better.names:
+        yield ('The mass counts as exact: if it is 1 % off, force and springs are about as much off, which the intervals do not '
+               f'include. --prior mass_kg={value_of(found.scene, "mass"):.4g}+-1% includes it.')
     apart = u.hertz(max(np.median(np.diff(one.omega)) for one in found.functions))
     wide = found.fitted(found.better.model).frf.damping_per_s / (2 * np.pi)
     if apart > wide:

@@ -144,7 +144,7 @@ class Contrast(Objective):
             raise ValueError(f'{at} moves nothing: it is held, or held along that direction; drive a particle that can move')
         y = rest.response(force, self.omega, self.damping)
         value, pull = 0.0, np.zeros((n, dim), complex)
-        for sign, places in [(1, self.loud), (-1, self.quiet)][: 2 if np.size(self.quiet) else 1]:
+        for sign, places in [(1, self.loud), (-1, self.quiet)][: 2 if np.asarray(self.quiet, object).size else 1]:
             particles, directions = _seen(places, n, dim)
             u = (y[particles] * directions).sum(1)
             energy = float((abs(u) ** 2).sum())

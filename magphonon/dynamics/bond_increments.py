@@ -31,8 +31,8 @@ from ..stiffness.matrices import Model
 TOLERANCE = 1e-13  # largest error of a fitted slope dH/de, as a fraction of the slope at rest
 RANGES = (1 / 1024, 1 / 64, 1 / 32, 1 / 16, 1 / 8, 3 / 16, 1 / 4, 3 / 8, 1 / 2)
 """Largest increments |e| of the fitted polynomials; motion beyond the last one is left to ASE's loop."""
-COUNTS = (4, 6, 8, 11, 16, 24, 31, 40)
-"""Numbers of coefficients: few, because the kernel is compiled for each."""
+COUNTS = (6, 11, 16, 24, 31, 40)
+"""Numbers of coefficients: few, because the kernel is compiled for each, which takes seconds."""
 ALIKE = 1e-14
 """Relative difference up to which the slopes of two laws differ by a factor only; a few times the round-off of a power."""
 TOGETHER = 2048  # number of kinds that are fitted at a time, so that their samples stay within tens of megabytes

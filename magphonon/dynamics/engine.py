@@ -33,9 +33,8 @@ LAW_SHARE = 0.1
 SINGLE = 1e-7
 """Relative error of stiffness, for the whole of a run, from which on single precision serves: masses and stiffness are rounded to
 3e-8, which is a drift of every phase."""
-ROUGH, FINE = 1e-3, 1e-7
-"""Relative errors of the largest eigenvalue.  It lies close to others, so the fine accuracy takes long and is used only near the
-stability limit."""
+FINE = 1e-7
+"""Relative error of the largest eigenvalue.  It lies close to others, so this takes long, and is done only near the limit."""
 STEPS_TRIED = 24  # number of time steps at which motion held by gyration alone is tested
 SAME_VECTOR = 1e-11
 """Largest difference, in shortest bonds, of rest vectors that count as one: far above the round-off of positions."""
@@ -92,11 +91,11 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
 
     system = LinearSystem.nearest(atoms)
     if _held_by_gyration(system):
-        bound = fastest(max(_largest_eigenvalue(sign * system.K, FINE) for sign in (1, -1)), system.turning)
+        bound = fastest(max(_largest_eigenvalue(sign * system.K) for sign in (1, -1)), system.turning)
         if system.directions > DENSE or system.growth():
             return bound
         return 2 / _longest_step(system.K.toarray(), system.B().toarray(), 2 / bound)
-    return np.sqrt(max(_largest_eigenvalue(system.K, FINE), 0.0)) if particle_bound(system) else 0.0
+    return np.sqrt(max(_largest_eigenvalue(system.K), 0.0)) if particle_bound(system) else 0.0
 
 
 def fastest(square: float, turning: float) -> float:
@@ -121,7 +120,7 @@ def _longest_step(K, B, bound):
     if high is None:
         return bound
     low = high - bound / STEPS_TRIED
-    while high - low > ROUGH * high:
+    while high - low > 1e-3 * high:
         middle = (low + high) / 2
         low, high = (low, middle) if grows(middle) else (middle, high)
     return low
@@ -137,8 +136,8 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     """Upper bound of the highest frequency in rad/ms, as sharp as a decision on the time step `dt` (ms) requires.
 
     Gyration is ignored if stiffness alone holds the structure: rotations conserve the positive form that Verlet steps conserve,
-    and do not change the limit.  Three bounds are tried, the cheapest first, until one is below 2/dt.  If none is, the highest
-    frequency itself is returned.
+    and do not change the limit.  `particle_bound` is enough for most steps; if it is above 2/dt, the highest frequency itself is
+    returned.
 
     Examples
     --------
@@ -152,13 +151,8 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     system = LinearSystem.nearest(atoms)
     if _held_by_gyration(system):
         return highest_frequency(system)
-    bounds = (lambda: particle_bound(system),
-              lambda: np.sqrt(abs(system.K).sum(axis=1).max()),
-              lambda: np.sqrt((1 + ROUGH) * _largest_eigenvalue(system.K, ROUGH)))
-    for bound in bounds:
-        if (omega := bound()) * dt <= 2:
-            return omega
-    return highest_frequency(system)
+    omega = particle_bound(system)
+    return omega if omega * dt <= 2 else highest_frequency(system)
 
 
 def particle_bound(system: LinearSystem, u: NDArray[np.float64] | None = None) -> float:
@@ -175,13 +169,13 @@ def particle_bound(system: LinearSystem, u: NDArray[np.float64] | None = None) -
     return np.sqrt(squares[system.mobile].max(initial=0.0))
 
 
-def _largest_eigenvalue(D, tolerance):
+def _largest_eigenvalue(D):
     from ..stiffness.lowest import DENSE
 
     if D.shape[0] < DENSE:
         return np.linalg.eigvalsh(D.toarray()).max(initial=0.0)
     start = np.random.default_rng(0).normal(size=D.shape[0])  # a fixed start vector makes the result reproducible
-    return sparse.linalg.eigsh(D, k=1, which='LA', v0=start, tol=tolerance, return_eigenvectors=False)[0]
+    return sparse.linalg.eigsh(D, k=1, which='LA', v0=start, tol=FINE, return_eigenvectors=False)[0]
 
 
 def half_step(damping: NDArray[np.float64], rate: Any, guided: NDArray[np.int_], barred: NDArray[np.float64],
@@ -264,19 +258,15 @@ class Blocks:
         self._follows = self._mobile | np.isin(np.arange(len(atoms)), self._walls.particles)[:, None]
         static = self._mobile * static_forces(calc, constant_push(drives, len(atoms)))
         self._load = static if static.any() else None
-        self._driven = self._varying.particles
 
         self.layout = layout = arrange(calc.reference, calc.bonds, calc.dim)
         self._pad = 0 if layout.offset is None else int(layout.offset.max() + -layout.offset.max() % LINE)
         self._at, self._wide = layout.slot + self._pad, layout.length + self._pad + 3 * LINE
         self._runs = runs_of(self._at).astype(np.uint64)
-        self._threads = max(1, min(threads, len(self._runs)))
-        self._parts = np.linspace(0, len(self._runs), self._threads + 1).astype(int)
+        self._parts = np.linspace(0, len(self._runs), max(1, min(threads, len(self._runs))) + 1).astype(int)
         size, directions = np.linalg.eigh(self._barred)
         away = size > 0.5  # a projector has the eigenvalues 0 and 1
-        self._normals = directions.transpose(0, 2, 1)[away][None]
-        along = np.repeat(self._guided, away.sum(axis=1))
-        self._special = [self._shared(particles) for particles in (self._driven, along, self._walls.particles)]
+        self._normals = np.repeat(self._guided, away.sum(axis=1)), directions.transpose(0, 2, 1)[away][None]
         self._rate = damping.max() if splitting.stages > 1 else 0.0  # the same for all particles: it acts in the drifts
         self._half = half_step(damping - self._rate, calc.rate, self._guided, self._barred, dt)
         self._sort_bonds()
@@ -291,13 +281,6 @@ class Blocks:
         slots = aligned_zeros((*values.shape[1:], self._wide), values.dtype)
         slots[..., self._at] = np.moveaxis(values, 0, -1)
         return slots
-
-    def _shared(self, particles):
-        """The order of some particles by slot; their slots, and the first of each thread."""
-        order = np.argsort(self._at[particles], kind='stable')
-        slots = self._at[particles][order]
-        borders = [0, *self._runs[self._parts[1:-1], 0].tolist(), self._wide]
-        return order, slots.astype(np.uint64), np.searchsorted(slots, borders)
 
     def _sort_bonds(self):
         """Find out whether the bonds of a column are alike; if not, how their laws differ."""
@@ -316,15 +299,6 @@ class Blocks:
         self._first, self._kind = first, kind.ravel()
         self._increments = Increments(taken(calc.law, example), calc.model, r0[first])
         self._factors = None if self._alike else self._increments.factors
-        self._one = self._alike and np.ptp(r0[first]) <= SAME_VECTOR * r0.min() and np.ptp(label[first]) == 0
-
-    def _arrange(self, dtype):
-        """Make all arrays of the kernel in this precision."""
-        sites = self._sites_of(dtype)
-        self._given, self._dtype = (self._bonds_of(dtype), sites), dtype
-        self._flow, self._rhythms = self._flow_of(sites.decay is not None), {}
-        nothing = [np.zeros((1, len(order), self.calc.dim)) for order, _, _ in self._special]
-        self._none = self._some(0, nothing[0]), self._some(1, self._normals), self._some(2, nothing[2])
 
     def _bonds_of(self, dtype):
         from .kernel import Bonds
@@ -332,13 +306,12 @@ class Blocks:
         layout, law, kind = self.layout, self._increments, self._kind
         if layout.offset is not None:  # both ends of a bond read the same numbers
             place, count, ends = (layout.group, layout.i + self._pad), len(layout.offset), 1
-            near = tuple(layout.offset.astype(np.uint64))
+            near = layout.offset.astype(np.uint64)
         else:
             *place, far = layout.columns()
-            count, ends = int(place[0].max()) + 1, 2
-            table = np.tile(np.arange(self._wide, dtype=np.uint32), (count, 1))  # a missing bond leads to its own slot
-            table[tuple(place)] = far
-            near = tuple(table)
+            count, ends = int(place[0].max(initial=-1)) + 1, 2
+            near = np.tile(np.arange(self._wide, dtype=np.uint32), (count, 1))  # a missing bond leads to its own slot
+            near[tuple(place)] = far
 
         def each(values, back=1):
             """Values of the bonds, shape (..., bonds), at their slots."""
@@ -346,49 +319,46 @@ class Blocks:
             rows[..., *place] = np.concatenate([values, back * values][:ends], axis=-1)
             return rows
 
-        self._at_bonds, columns = each, count * (layout.offset is not None)
+        self._at_bonds = each
         longest = int(np.ptp(self._runs, axis=1).max())
-        room = self._pad + longest * -(-self._pad // longest)
-        self._pulls = [aligned_zeros((columns, self.calc.dim, room), dtype) for _ in range(self._threads)]
+        room = longest * (1 + -(-self._pad // longest))
+        self._pulls = [aligned_zeros((count if ends == 1 else 1, self.calc.dim, room), dtype) for _ in self._parts[1:]]
+        of, q, g = self._first if self._alike else np.s_[:], (self.calc.model == 'complete') / law.r0**2, law.g
+        S = 2 * layout.R[of].T / law.r0[kind[of]] ** 2
         if self._alike:
-            R, unit, g = (x.astype(dtype) for x in (layout.R[self._first].T, 1 / law.r0**2, law.g))
+            S, q, g = (np.ascontiguousarray(x, dtype) for x in (S, q, g))
             strength, mine = each(np.ones(len(layout.i))), self._at[self._mobile[:, 0]]
             if all(row[mine].all() and row[mine - offset].all() for row, offset in zip(strength, layout.offset, strict=True)):  # pyright: ignore
                 strength = None  # no bond is missing
         else:
-            R, unit, g = each(layout.R.T, -1), each(1 / law.r0[kind] ** 2), each(law.g[kind])
-            strength = None if self._factors is None else each(self._factors[kind])
-        return Bonds(near, tuple(R), unit, g, strength, (None,) * (self.calc.model == 'complete'))
+            S, q, g = each(S, -1), each(q[kind]), each(g[kind])
+            strength = each(np.ones(len(kind)) if self._factors is None else (self._factors * (law.r0 / law.r0[0]) ** 2)[kind])
+        return Bonds(near, S, q, g, strength)
 
     def _sites_of(self, dtype):
         from .kernel import Sites
 
         def put(values):
-            """Values of the particles, shape (particles, dim), in their slots, as a tuple of components."""
-            return tuple(self._put(values.astype(dtype)))
+            """Values of the particles, shape (particles, ...), in their slots."""
+            return self._put(np.asarray(values).astype(dtype))
 
-        k, d, decay, turns = np.asarray(self.calc.foundation, dtype), self._half, None, None
-        mobility = self._mobile[:, 0] / self._masses
-        push = mobility[None]
-        if np.iscomplexobj(d) or np.ptp(d):
-            decay, push = np.stack([d, d * d, d]), np.stack([1 + 0 * d, (1 + d * d) / 2, d]) * mobility
-            turns = tuple(self._put(np.imag(x).T.astype(dtype)) for x in (decay, push)) if np.iscomplexobj(d) else None
-            decay = self._put(np.real(decay).T.astype(dtype))
-        self._push = push[:, self._driven]
-        return Sites(put(k) if k.ndim else (k[()],) * self.calc.dim, None if self._load is None else put(self._load), decay,
-                     self._put(push.real.T.astype(dtype)), turns)
+        d, mobility = self._half[:, None], self._mobile / self._masses[:, None]
+        decay, self._push = np.hstack([d, d * d, d]), np.hstack([1 + 0 * d, (1 + d * d) / 2, d]) * mobility
+        turns = put(np.stack([decay.imag, self._push.imag], axis=1)) if np.iscomplexobj(d) else None
+        return Sites(put(np.broadcast_to(self.calc.foundation, (len(d), self.calc.dim))),
+                     None if self._load is None else put(self._load), put(decay.real), put(self._push.real), turns)
 
-    def _flow_of(self, own):
-        """Factors (keep, kick, drift) of the first, of the others in turns, and of the last stage of a block."""
+    def _flow_of(self, stages):
+        """Factors (keep, kick, drift) of the stages of a block, in which the last kick of a step and the next share one."""
+        if stages in self._flows:
+            return self._flows[stages]
         h, one = self.dt, self._splitting
-        if one.stages == 1:
-            d = 1.0 if own else float(self._half[0])
-            between = [[d * d, h if own else h * (1 + d * d) / 2, h]]
-            return [d, h / 2, h], between, [d, h / 2 * d, 0.0]
         drifts, damped = one.flow(h, self._rate)
         kicks = h * np.array([*one.kicks[1:-1], one.kicks[-1] + one.kicks[0]])
-        between = np.column_stack([damped, kicks, np.roll(drifts, -1)])
-        return [1.0, h * one.kicks[0], drifts[0]], between, [damped[-1], h * one.kicks[-1], 0.0]
+        between = np.tile(np.column_stack([damped, kicks, np.roll(drifts, -1)]), (stages // len(drifts), 1))
+        first, last = [1.0, h * one.kicks[0], drifts[0]], [damped[-1], h * one.kicks[-1], 0.0]
+        self._flows[stages] = np.vstack([first, between[: stages - 2], last]).astype(self._dtype)
+        return self._flows[stages]
 
     def use(self, rough: float = 0.0) -> None:
         """Make the kernel ready, whose stiffness has a relative error of at most `rough`.
@@ -396,9 +366,10 @@ class Blocks:
         The law gets only as many coefficients as this error requires, and steps may be in single precision.
         """
         if rough != self._rough:
-            self._rough, dtype = rough, np.float32 if rough >= SINGLE else np.float64
-            self._arrange(dtype)
-            self._laws = {}
+            self._rough, self._dtype = rough, (dtype := np.float32 if rough >= SINGLE else np.float64)
+            self._given, self._laws, self._flows = (self._bonds_of(dtype), self._sites_of(dtype)), {}, {}
+            nothing = np.zeros(0, int), np.zeros((1, 0, self.calc.dim))
+            self._special = self._some(*nothing), self._some(*self._normals), self._some(*nothing)
             if self._state.dtype != dtype:
                 before, (self._state, self._spare) = self._state, aligned_zeros((2, *self._state.shape), dtype)
                 self._state[:] = before
@@ -408,17 +379,15 @@ class Blocks:
     def _fit(self, level):
         """Take the law for increments up to RANGES[level]; returns whether there is one."""
         if level not in self._laws:
-            c = None
+            law, c = self._increments, None
+            if self._factors is not None:
+                law = Increments(taken(law.potential, np.zeros(1, int)), law.model, law.r0[:1])
             with np.errstate(over='ignore', invalid='ignore'):
-                law, kinds = self._increments, self._kind
-                if self._factors is not None or self._one:
-                    law, kinds = Increments(taken(law.potential, np.zeros(1, int)), law.model, law.r0[:1]), None
                 if level < len(RANGES):
                     c = law.polynomial(RANGES[level], max(TOLERANCE, LAW_SHARE * self._rough))
-            if c is not None and kinds is None:
-                c = tuple(c[:, 0].astype(self._dtype))
-            elif c is not None:
-                c = tuple(c.astype(self._dtype) if self._alike else self._at_bonds(c[:, kinds]))
+            if c is not None:
+                c *= law.r0**2 / 2
+                c = c.astype(self._dtype) if self._alike or self._factors is not None else self._at_bonds(c[:, self._kind])
             self._laws[level] = c
         self._level, self._law = level, self._laws[level]
         return self._law is not None
@@ -450,53 +419,50 @@ class Blocks:
         self._state, self._spare, self._extent = self._spare, self._state, extent
         return True
 
-    def _rhythm(self, stages):
-        """Factors (keep, kick, drift) of the stages of a block, and their rows of damping."""
-        if stages not in self._rhythms:
-            first, between, last = self._flow
-            flow = np.vstack([first, np.tile(between, (stages // len(between), 1))[: stages - 2], last]).astype(self._dtype)
-            rows = np.ones(stages, np.uint64) * (self._given[1].decay is not None)
-            rows[0], rows[-1] = 0, 2 * rows[-1]
-            self._rhythms[stages] = flow, rows
-        return self._rhythms[stages]
-
-    def _pushes(self, times, rows):
-        """Changes of the velocities of driven particles by unit kicks, shape (stages, particles, dim)."""
-        forces, push = components(self._varying.forces(times), self.calc.dim), self._push[rows][..., None]
-        pushed = push.real * forces
-        return pushed + push.imag * forces[..., ::-1] * (-1, 1) if np.iscomplexobj(push) else pushed
-
-    def _some(self, n, values):
-        """Values, shape (stages, particles, dim), of the driven, guided or moving particles (n = 0, 1, 2) by slot."""
+    def _some(self, particles, values):
+        """Values of some particles, shape (stages, particles, dim), for the kernel."""
         from .kernel import Some
 
-        order, slots, first = self._special[n]
-        return Some(slots, first, values[:, order].astype(self._dtype, order='C'))  # numba compiles for each order of axes
+        return Some(self._at[particles].astype(np.uint64), np.ascontiguousarray(values, self._dtype))
+
+    def _pushes(self, times):
+        """Changes of the velocities of driven particles by unit kicks, shape (stages, particles, dim)."""
+        forces = components(self._varying.forces(times), self.calc.dim)
+        push = self._push[self._varying.particles].T[[0, *[1] * (len(times) - 2), 2], :, None]
+        pushed = push.real * forces
+        return pushed + push.imag * forces[..., ::-1] * (-1, 1) if np.iscomplexobj(push) else pushed
 
     def _run(self, times):
         """Fill the spare state with the state at the end of the block; returns whether a bond was beyond the law."""
         from .kernel import stages
 
-        dtype, (flow, rows), (pushed, guided, led) = self._dtype, self._rhythm(len(times)), self._none
-        if len(self._driven):
-            pushed = self._some(0, self._pushes(times, rows))
-        if len(self._walls.particles):
-            led = self._some(2, components(self._walls.forces(np.append(times[1:], times[-1])), self.calc.dim))
+        pushed, guided, led = self._special
+        if self._varying:
+            pushed = self._some(self._varying.particles, self._pushes(times))
+        if self._walls:
+            course = self._walls.forces(np.append(times[1:], times[-1]))
+            led = self._some(self._walls.particles, components(course, self.calc.dim))
         self._spare[:2] = self._state[:2]
         u, v, w = map(tuple, self._spare)
-        if alone := self._threads == 1 and self.layout.offset is not None:
+        bonds, sites = self._given
+        parts = list(zip(self._parts, self._parts[1:], strict=False))
+        if alone := len(parts) == 1 and self.layout.offset is not None:
             w = u  # no slot is read after it has moved
+        columns, terms = (None,) * len(bonds.near) * (bonds.near.ndim == 1), (None,) * len(self._law)  # pyright: ignore
+        flow, reach = self._flow_of(len(times)), self._dtype(RANGES[self._level])
 
-        def work(me, some):
-            given = self._given[0], self._law, self._given[1], flow, rows, dtype(RANGES[self._level]), self._runs, self._parts
-            return stages(u, w, v, self._pulls[me], *given, np.uint64(self._pad), pushed, guided, led, me, some)
+        def work(me, part, some, whole):
+            return stages(u, w, v, self._pulls[me], bonds, self._law, columns, terms, sites, flow, reach, self._runs,
+                          part, np.uint64(self._pad), pushed, guided, led, some, whole)
 
-        if self._threads == 1:
-            beyond = work(0, (0, len(times)))
+        if len(parts) == 1:
+            beyond = work(0, parts[0], (0, len(times)), True)
         else:
-            self._pool = self._pool or ThreadPoolExecutor(self._threads)
-            all_of = range(self._threads)
-            beyond = any(any(list(self._pool.map(work, all_of, [(n, n + 1)] * self._threads))) for n in range(len(times)))
+            self._pool, beyond = self._pool or ThreadPoolExecutor(len(parts)), False
+            for n in range(len(times)):
+                now = [(n, n + 1)] * len(parts), [False] * len(parts)
+                beyond |= any(list(self._pool.map(work, range(len(parts)), parts, *now)))
+                work(0, (0, 0), (n, n + 1), True)
         if len(times) % 2 and not alone:
             self._spare[0] = self._spare[2]
         return beyond

@@ -424,13 +424,17 @@ class DrivenVerlet(VelocityVerlet):
             self.splitting = SPLITTINGS[self._order()]
             now, long = self._setting(), self._repays(steps)
         self.engine = _engine_for(self.atoms, self.asked_engine, long)
-        if now == before and self._blocks is not None and self.engine != 'ase':  # all that changes is the kernel
-            self._blocks.use(rough)
-            self._prepared = now, long, rough
-            return
+        if now == before and self._blocks is not None and self.engine != 'ase':
+            self._blocks.use(rough)  # all that changes is the kernel
+        else:
+            self._begin(rough)
+        self._prepared = now, long, rough  # last: what raised above raises again
+
+    def _begin(self, rough):
+        """Make the blocks of compiled steps, or the cages that ASE's loop looks at; walls go to where they are now."""
         blocks = self._new_blocks(rough) if self.engine != 'ase' else None
         self._cages = Cages(self.atoms) if blocks is None and isinstance(self.atoms.calc, PairCalculator) else None
-        self._blocks, self._good, self._prepared = blocks, None, (now, long, rough)  # last: what raised above raises again
+        self._blocks, self._good = blocks, None
         if self._walls:
             self._place_walls()
 

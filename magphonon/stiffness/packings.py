@@ -3,8 +3,8 @@
 The enthalpy `U + p V` of overlapping spheres (`magphonon.interactions.Overlap`) is minimised over their positions and over the
 shape of the periodic cell, so that the stress is -p times the unit matrix.  The minimiser is FIRE (Bitzek et al., Phys. Rev.
 Lett. 97, 170201, 2006), on a ladder of pressures from dense to loose; the Newton steps of `relaxed` follow.  Spheres that nothing
-holds, the rattlers, leave the packing: once all forces balance, those go that have at most as many contacts as dimensions and
-feel next to no force, again and again.  Frozen earlier they would be wedges that still push; kept, they would roam.
+holds, the rattlers, leave once all forces balance: those with at most as many contacts as dimensions that feel next to no force,
+again and again.  Frozen earlier they would be wedges that still push.
 
 In a packing D* is a ten-thousandth of D0 in each contact, and takes half of the shear modulus: A. J. Liu and S. R. Nagel, Annu.
 Rev. Condens. Matter Phys. 1, 347 (2010), for the physics.
@@ -13,7 +13,7 @@ Rev. Condens. Matter Phys. 1, 347 (2010), for the physics.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -37,11 +37,13 @@ DENSE = {2: 0.9, 3: 0.7}
 """Share of the space that the spheres fill at random at first, by the number of dimensions."""
 FIRST, RUNG = 0.1, np.sqrt(10)
 """First pressure of the ladder, in energies of a contact per cube (square) of the mean diameter, and ratio of two of them."""
-BALANCES = 1e-6, 1e-7
-"""Largest forces that are left, as fractions of the pressure: after each the rattlers leave.  Newton's steps need the last."""
+BALANCE, PASSING = 1e-7, 1e-2
+"""Largest forces that are left, as fractions of the pressure: where Newton's steps take over, and at pressures on the way."""
 IDLE = 0.05  # largest force on a rattler, as a fraction of the pressure
+STEP = 1.0  # longest of FIRE; the limit is the root of two
+LONE = 0.1  # least mass of a sphere without neighbours, as a fraction of the mean
 SKIN = 0.15  # distance beyond the contact up to which near pairs are listed, in sums of radii
-STEPS = 400_000  # of FIRE for one balance
+STEPS = 400_000  # most steps of FIRE for one balance
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +147,7 @@ def packing(radii: ArrayLike, pressure: float, law: Overlap, seed: int = 0, dim:
     Unstable
         If the forces do not balance within `STEPS` steps, as at pressures below 1e-7 of an energy per diameter squared.
     ValueError
-        If an argument is out of range.
+        If an argument is out of range, or a sphere is so large that it touches its own image.
 
     Examples
     --------
@@ -157,12 +159,12 @@ def packing(radii: ArrayLike, pressure: float, law: Overlap, seed: int = 0, dim:
     (True, True)
     """
     radii, pressure = finite('radii', radii), positive('pressure', pressure)
-    if not isinstance(law, Overlap) or law.diameter != 1:
-        raise ValueError(f'law must be an Overlap of the distance over the sum of both radii, with diameter 1, not {law!r}')
+    if not isinstance(law, Overlap) or law.diameter != 1 or law.power < 2:
+        raise ValueError('law must be an Overlap of the distance over the sum of both radii, with diameter 1 and a power of at '
+                         f'least 2, below which a contact that opens is infinitely stiff, not {law!r}')
     positive('the smallest of the radii', radii.min(initial=np.inf), 'mm')
     if radii.ndim != 1 or len(radii) < 2**one_of('dim', dim, (2, 3)) * 4:
-        raise ValueError(f'radii must be a list of at least {2**dim * 4} numbers, not of the shape {radii.shape}: a sphere must '
-                         'not touch itself')
+        raise ValueError(f'radii must be a list of at least {2**dim * 4} numbers, not of the shape {radii.shape}')
     rng, D = np.random.default_rng(whole('seed', seed, least=0)), 2 * radii.mean()
     L = (BALL[dim] * (radii**dim).sum() / DENSE[dim]) ** (1 / dim)
     atoms = Atoms(np.zeros(len(radii)), np.zeros((len(radii), 3)), cell=[L, L, L if dim == 3 else D], pbc=(True, True, dim == 3),
@@ -179,29 +181,26 @@ def _ladder(first, last):
 
 def _packed(every, radii, law, pressures):
     """The packing at the last of some pressures, which are taken in turn, from the positions and the cell of `every`."""
-    D, dim, held = 2 * radii.mean(), int(every.pbc.sum()), np.ones(len(radii), bool)
-    unit = law.energy * law.between(D / 2, D / 2)  # below, lengths are in mean diameters and energies in those of a contact
-    small, law_in_units = every.copy(), replace(law, energy=1 / law.between(0.5, 0.5))
-    small.set_cell(every.cell.array / D, scale_atoms=True)
+    every, held, idle = every.copy(), np.ones(len(radii), bool), np.ones(len(radii), bool)
     for pressure in tqdm(pressures, desc='pressures', delay=2, disable=None, leave=False):
-        held[:] = True
-        for balance in BALANCES:
-            idle = held
-            while idle.any():
-                _descend(small, held, radii / D, law_in_units, pressure * D**dim / unit, balance)
-                idle = np.zeros(len(held), bool)
-                idle[held] = _idle(small[held], radii[held] / D, law_in_units, IDLE * pressure * D**dim / unit)
-                held &= ~idle
-    every = small
-    every.set_cell(small.cell.array * D, scale_atoms=True)
+        _balance(every, held, radii, law, pressure, PASSING)
+    dim = int(every.pbc.sum())
+    push = pressure * (2 * radii.mean()) ** (dim - 1)
+    while idle.any():
+        _balance(every, held, radii, law, pressure, BALANCE)
+        idle = np.zeros(len(held), bool)
+        idle[held] = _idle(every[held], radii[held], law, IDLE * push)
+        held &= ~idle
     atoms = every[held]
     i, j, shift, *_ = near_pairs(atoms, radii[held], law)
+    if (i == j).any():
+        raise ValueError(f'the sphere with a radius of {radii[held][i[i == j]].max():g} mm touches its own image: add spheres, '
+                         'make it smaller, or lower the pressure')
     bonds = Bonds(i, j, shift, vectors_between(atoms, i, j, shift), len(atoms))
     atoms.calc = PairCalculator(atoms, law, radii=radii[held], dim=dim, bonds=bonds)
     atoms = relaxed(atoms).atoms  # by Newton's steps, in the cell that was found
     every.positions[held] = atoms.positions
-    force = np.linalg.norm(atoms.get_forces(), axis=1).max() / (pressure * D ** (dim - 1))
-    return Packing(atoms, float(pressure), float(force), every, radii, held)
+    return Packing(atoms, float(pressure), float(lengths_of(atoms.get_forces()).max() / push), every, radii, held)
 
 
 def near_pairs(atoms, radii, law, skin=0.0):
@@ -212,22 +211,60 @@ def near_pairs(atoms, radii, law, skin=0.0):
     return i, j, shift[near], radii[i] + radii[j], law.between(radii[i], radii[j])
 
 
-def _descend(atoms, held, radii, law, pressure, balance):
-    """FIRE until the forces balance to a fraction of the pressure; spheres that are not held follow the cell."""
-    dim, cell = int(atoms.pbc.sum()), atoms.cell.array.copy()
-    x = np.vstack([atoms.positions[held, :dim], cell[:dim, :dim]])
-    v, fire, left, balanced = np.zeros_like(x), np.array([0.05, 0.1, 0.0]), STEPS, False
-    while not balanced:
-        if left <= 0:
-            raise Unstable(f'the spheres did not come to rest within {STEPS} steps at this pressure: take a higher one, or '
-                           'approach it by steps, packing(...).at(pressure)')
-        i, j, shift, touching, strength = near_pairs(atoms[held], radii[held], law, SKIN)
-        done, balanced = descend(x, v, fire, i, j, shift[:, :dim].astype(float), touching, law.energy * strength, law.power,
-                                 pressure, balance, left, 0.45 * SKIN * radii[held].min())
-        cell[:dim, :dim] = x[-dim:]
-        atoms.set_cell(cell, scale_atoms=True)
-        atoms.positions[held, :dim] = x[:-dim]
-        left -= done
+def _balance(atoms, held, radii, law, pressure, least):
+    """Move the spheres by FIRE until the forces are below a fraction of the pressure; those that are not held follow the cell."""
+    some, radii, flat = atoms[held], radii[held], np.diag(atoms.pbc.astype(float))
+    n, push, wall = len(some), pressure * (2 * radii.mean()) ** (flat.trace() - 1), measure(some) / some.get_volume() * flat
+    x = first = np.vstack([some.positions, some.cell.array])
+    v, F, dt, mixed, downhill = np.zeros_like(x), np.zeros_like(x), STEP / 8, 0.1, 0
+    for step in range(STEPS):
+        if not step or (step % 5 == 0 and _strayed(x, first, radii.min()) > 0.45 * SKIN):
+            some.set_cell(x[n:])
+            some.positions, first = x[:n], x
+            pairs, shift, root = _near(some, radii, law, pressure)
+        forces(x, shift @ x[n:], *pairs, law.power, F)
+        F[n:] -= pressure * abs(np.linalg.det(x[n:])) * wall
+        F /= root
+        if np.abs(F).max() < least * push / np.sqrt((root[:n] ** 2).mean()):
+            break
+        if np.vdot(F, v) > 0:
+            v += mixed * (np.linalg.norm(v) / np.linalg.norm(F) * F - v)
+            downhill += 1
+            if downhill > 5:
+                dt, mixed = min(1.1 * dt, STEP), 0.99 * mixed
+        else:
+            v[:] = 0
+            dt, mixed, downhill = 0.5 * dt, 0.1, 0
+        v += dt * F
+        moved = dt * v / root
+        x = np.vstack([x[:n] + moved[:n], x[n:]]) @ (np.eye(3) + moved[n:])
+    else:
+        raise Unstable(f'the spheres did not come to rest within {STEPS} steps at this pressure: take a higher one, or '
+                       'approach it by steps, packing(...).at(pressure)')
+    atoms.set_cell(x[n:], scale_atoms=True)
+    atoms.positions[held] = x[:n]
+
+
+def _near(atoms, radii, law, pressure):
+    """Near pairs for `forces`, the cells of j, and the root of the masses, shape (spheres + 3, 1), the last of them of the cell.
+
+    A mass is the stiffness of all near pairs of a sphere, by the overlap that the pressure makes.  Then no frequency of springs
+    is above the root of two (Gershgorin), however large a sphere and however many its contacts.
+    """
+    n, D, dim = len(radii), 2 * radii.mean(), atoms.pbc.sum()
+    i, j, shift, touching, strength = near_pairs(atoms, radii, law, SKIN)
+    overlap = (pressure * D**dim / law.energy / law.between(D / 2, D / 2)) ** (1 / (law.power - 1))
+    k = (law.power - 1) * law.energy * strength * overlap ** (law.power - 2) / touching**2
+    masses = np.bincount(i, k, n) + np.bincount(j, k, n)
+    masses = np.append(np.maximum(masses, LONE * masses.mean()), 3 * [n * D**2 * masses.mean()])
+    pairs = i.astype(np.uint32), j.astype(np.uint32), touching, law.energy * strength  # indices that are never negative are fast
+    return pairs, shift.astype(float), np.sqrt(masses)[:, None]
+
+
+def _strayed(x, first, radius):
+    """How far the spheres have moved past the cell since `first`, over a radius, or how far the cell is strained."""
+    followed = np.linalg.solve(first[-3:], x[-3:])
+    return max(lengths_of(x[:-3] - first[:-3] @ followed).max() / radius, np.linalg.norm(followed - np.eye(3)))
 
 
 def _idle(atoms, radii, law, most):
@@ -239,65 +276,26 @@ def _idle(atoms, radii, law, most):
     return (np.bincount(ends, minlength=len(atoms)) <= atoms.pbc.sum()) & (largest < most)
 
 
-def descend(x, v, fire, i, j, shift, D, energy, power, pressure, balance, steps, roam):
-    """Steps of FIRE, until the forces balance or a sphere has moved by `roam` past the cell: their number, and whether they do.
-
-    In mean diameters, energies of a contact and unit masses.  Positions `x` and velocities `v`, whose last rows are the cell and
-    its strain rate, change in place; so does `fire`, the time step, the mixing and the number of steps downhill.  Pairs i, j,
-    `shift` with the sums D of their radii and their energies act.
+@njit(cache=True, error_model='numpy')
+def forces(x, across, i, j, D, energy, power, F):
+    """Forces on the spheres, `energy/D (1 - r/D)^(power - 1)` where r < D, and in the last rows of F their moments, `f R`; a
+    pair is joined by the vector `x_j + across - x_i`.
     """
-    dim = x.shape[1]
-    n, one, first, F = len(x) - dim, np.eye(dim), x.copy(), np.zeros_like(x)
-    inertia = np.sqrt(n)  # of the cell, which is then about as stiff as a sphere
-    for step in range(steps):
-        forces(x, i, j, shift, D, energy, power, F)
-        F[n:] = ((F[n:] + F[n:].T) / 2 - pressure * abs(np.linalg.det(x[n:])) * one) / inertia
-        if np.abs(F).max() < balance * pressure:
-            return step, True
-        if np.vdot(F, v) > 0:
-            v *= 1 - fire[1]
-            v += fire[1] / (1 - fire[1]) * np.linalg.norm(v) / np.linalg.norm(F) * F
-            fire[2] += 1
-            if fire[2] > 5:
-                fire[0], fire[1] = min(1.1 * fire[0], 0.4), 0.99 * fire[1]
-        else:
-            v[:] = 0
-            fire[0], fire[1], fire[2] = 0.5 * fire[0], 0.1, 0
-        v += fire[0] * F
-        strained = one + fire[0] * v[n:] / inertia
-        x[:n] += fire[0] * v[:n]
-        x[:] = x @ strained
-        if step % 5 == 0:
-            followed = np.linalg.solve(first[n:], x[n:])
-            far = np.sqrt(((x[:n] - first[:n] @ followed) ** 2).sum(axis=1).max())
-            if far > roam or np.abs(followed - one).max() > roam / 4:
-                return step + 1, False
-    return steps, False
-
-
-@njit(cache=True)
-def forces(x, i, j, shift, D, energy, power, F):
-    """Forces on the spheres, `energy/D (1 - r/D)^(power - 1)` where r < D, and in the last rows of F their moments, `f R`."""
-    dim = x.shape[1]
-    n, R = len(x) - dim, np.zeros(dim)
     F[:] = 0
+    place, force, moment = x[:-3], F[:-3], F[-3:]
     for b in range(len(i)):
-        square = 0.0
-        for k in range(dim):
-            R[k] = x[j[b], k] - x[i[b], k]
-            for m in range(dim):
-                R[k] += shift[b, m] * x[n + m, k]
-            square += R[k] ** 2
-        if square >= D[b] ** 2:
-            continue
-        r = np.sqrt(square)
-        overlap = 1 - r / D[b]
-        f = energy[b] * (overlap if power == 2 else overlap ** (power - 1)) / D[b] / r
-        for k in range(dim):
-            F[j[b], k] += f * R[k]
-            F[i[b], k] -= f * R[k]
-            for m in range(dim):
-                F[n + k, m] += f * R[k] * R[m]
+        at, to, cell = place[i[b]], place[j[b]], across[b]
+        R = to[0] + cell[0] - at[0], to[1] + cell[1] - at[1], to[2] + cell[2] - at[2]
+        square = R[0] ** 2 + R[1] ** 2 + R[2] ** 2
+        if square < D[b] ** 2:
+            r = np.sqrt(square)
+            overlap = 1 - r / D[b]
+            f = energy[b] * (overlap if power == 2 else overlap ** (power - 1)) / D[b] / r
+            for k in range(3):
+                force[j[b], k] += f * R[k]
+                force[i[b], k] -= f * R[k]
+                for m in range(3):
+                    moment[k, m] += f * R[k] * R[m]
 
 
 class Following(Calculator):
@@ -310,8 +308,6 @@ class Following(Calculator):
     ----------
     atoms : ase.Atoms
         With the PairCalculator of a packing: its law and its radii.
-    skin : float
-        Distance of pairs beyond their contact that are listed, as a fraction of the sum of their radii.
 
     Examples
     --------
@@ -329,7 +325,7 @@ class Following(Calculator):
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'forces']
 
-    def __init__(self, atoms: Atoms, skin: float = SKIN) -> None:
+    def __init__(self, atoms: Atoms) -> None:
         super().__init__()
         calc: Any = repulsion_of(atoms)
         if not isinstance(calc.laws, Overlap) or calc.laws.diameter != 1 or calc.sites.radii is None:
@@ -338,7 +334,7 @@ class Following(Calculator):
         if calc.tied or calc.load.any() or (calc.strengths != 1).any() or np.any(calc.gyration) or calc.model != 'complete':
             raise ValueError('contacts are followed without a foundation, a load, strengths and gyration, in the complete model: '
                              f'keep the calculator as it is, {calc!r}')
-        self._law, self._radii, self._skin = calc.laws, calc.sites.radii, positive('skin', skin)
+        self._law, self._radii = calc.laws, calc.sites.radii
         self._listed: Any = 0, None  # positions, cell and pairs of the last list
 
     def calculate(self, atoms: Atoms | None = None, properties: Sequence[str] = ('energy',),
@@ -349,8 +345,8 @@ class Following(Calculator):
             raise ValueError(f'there are {len(self._radii)} spheres, and these atoms are {len(here)}')
         x, (at, cell, *pairs) = here.positions, self._listed
         if not np.array_equal(here.cell.array, cell) or (
-                2 * np.linalg.norm(x - at, axis=1).max() > self._skin * self._radii.min()):
-            pairs = near_pairs(here, self._radii, self._law, self._skin)
+                2 * lengths_of(x - at).max() > SKIN * self._radii.min()):
+            pairs = near_pairs(here, self._radii, self._law, SKIN)
             self._listed = x.copy(), here.cell.array.copy(), *pairs
         i, j, shift, touching, strength = pairs
         R = vectors_between(here, i, j, shift)

@@ -1,9 +1,7 @@
 """DrivenVerlet as any dynamics of ASE: observers, files, runs after runs, engines, arguments."""
 
-import os
 import subprocess
 import sys
-from textwrap import dedent
 
 import numba
 import numpy as np
@@ -81,8 +79,6 @@ def test_the_engine_is_chosen_by_what_it_can_do(monkeypatch):
 
 
 def test_a_short_run_imports_no_numba():
-    import subprocess
-
     code = ('import sys; from magphonon import *; a = lattices.parallelogram(lattices.square(1., 1.), 5, 5); '
             'a.calc = MagneticRepulsion(a, InversePower(1., 4.), foundation=1.); DrivenVerlet(a, .01).run(20); '
             'print("numba" in sys.modules, "matplotlib" in sys.modules)')
@@ -180,36 +176,3 @@ def test_without_a_numba_that_serves_long_runs_go_through_ases_loop_with_one_war
         DrivenVerlet(patch(), DT, engine='compiled')
     monkeypatch.undo()
     compiled.can_compile.cache_clear()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('fault', ['damaged', 'unwritable'])
-def test_a_cache_that_does_not_serve_is_done_without(tmp_path, fault):
-    """The same bits as with a cache, in processes of their own; the control is that the first run fills the cache."""
-    script = tmp_path / 'run.py'
-    script.write_text(dedent("""
-        from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
-        patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 4.0)
-        patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
-        patch.positions[30, 0] += 1e-3
-        dyn = DrivenVerlet(patch, 0.05, engine='compiled')
-        dyn.run(40)
-        print(dyn.engine, dyn.displacements.tobytes().hex())
-        """))
-
-    def run():
-        return subprocess.run([sys.executable, script], env=os.environ | {'NUMBA_CACHE_DIR': str(tmp_path / 'cache')},
-                              capture_output=True, text=True, check=True)
-
-    first = run()
-    indices = list((tmp_path / 'cache').rglob('*.nbi'))
-    assert indices
-    assert not first.stderr
-    for index in indices:
-        index.write_bytes(b'no pickle') if fault == 'damaged' else index.unlink()
-    if fault == 'unwritable':
-        for index in indices:
-            index.mkdir()
-    again = run()
-    assert again.stdout == first.stdout
-    assert again.stderr.count('cannot be used') == 1

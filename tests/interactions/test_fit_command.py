@@ -134,6 +134,7 @@ FILES = [
     (['BINARY'], 'is not a text file'), (['none.csv'], 'none.csv is not there'), ([''], "'' is not there"),
     (['prototype.toml'], 'is a scene; name after it what was measured'),
     (['prototype.toml', 'ideal.toml'], 'ideal.toml is a scene and holds no measurements'),
+    (['prototype_ridges'], 'prototype_ridges.csv holds ridges; name the scene of their lattice first: magphonon fit SCENE.toml'),
 ]
 """Files that hold no forces."""
 

@@ -498,6 +498,7 @@ def test_a_magnet_that_nobody_told_is_missing_is_named(seed, tmp_path):
         found = fit_frf(start, measured, gain_sigma=0.0, stated=())
         if true is lattice:
             assert '1 Hz apart, farther than the peaks are wide (0.6' in frf_report(found, [])
+            assert '--prior mass_kg=0.0007+-1%' in frf_report(found, [])
             continue
         place = missing_magnet(found)
         assert place is None if expected is None else np.linalg.norm(place - expected) < 1e-3

@@ -29,6 +29,7 @@ from magphonon.stability import prestress_reserve
 from magphonon.stiffness import Following, elastic_moduli, packing
 
 ENERGY = 0.3
+DISCS = np.where(np.arange(256) % 2, 1.4, 1.0) / 2.4  # mm, one in the mean diameter
 
 
 def drawn(seed, dim, power, pressure, count=48, elastic=False):
@@ -80,6 +81,20 @@ def own_moduli(x, cell, radii, power, springs_alone, elastic):
     s, one = -W / V, np.eye(dim)
     turned = sum(np.einsum(f'{p},{q}->ijkl', s, one) for p, q in (('ik', 'jl'), ('il', 'jk'), ('jk', 'il'), ('jl', 'ik')))
     return C + turned / 2 - np.einsum('ij,kl->ijkl', s, one)
+
+
+def at_rest(found):
+    dim = found.atoms.calc.dim
+    return found.atoms.positions[:, :dim], found.atoms.cell.array[:dim, :dim]
+
+
+def sheared(found, strain):
+    """Discs with springs and their cell after a shear and own Newton steps, with contacts free."""
+    x, cell = (each @ (np.eye(2) + strain / 2 * np.array([[0, 1], [1, 0]])) for each in at_rest(found))
+    for _ in range(4):
+        F, _, H, *_ = own(x, cell, found.radii[found.held], 2.0)
+        x = x + (np.linalg.pinv(H, rcond=1e-9, hermitian=True) @ F.ravel()).reshape(x.shape)
+    return x, cell
 
 
 LAWS = (2.0, False), (2.5, False), (2.5, True)
@@ -155,17 +170,11 @@ def test_matscipy_and_lammps_find_the_same_hessian(dim, tmp_path):
 
 @pytest.mark.parametrize('seed', range(2))
 def test_the_first_contact_changes_at_the_strain_that_linear_motion_tells(seed):
-    """Own Newton steps of the sheared cell with contacts free."""
-    found, power = drawn(seed, 2, 2.0, 3e-2), 2.0
-    x0, cell0, radii = *at_rest(found), found.radii[found.held]
+    """The oracle lets contacts open and close."""
+    found = drawn(seed, 2, 2.0, 3e-2)
 
     def contacts(strain):
-        turn = np.eye(2) + strain / 2 * np.array([[0, 1], [1, 0]])
-        x, cell = x0 @ turn, cell0 @ turn
-        for _ in range(4):
-            F, _, H, *_ = own(x, cell, radii, power)
-            x = x + (np.linalg.pinv(H, rcond=1e-9, hermitian=True) @ F.ravel()).reshape(x.shape)
-        return {pair[:2] for pair in own_contacts(x, cell, radii)}
+        return {pair[:2] for pair in own_contacts(*sheared(found, strain), found.radii[found.held])}
 
     first, rest = found.linear_strain, contacts(0.0)
     assert contacts(0.8 * first) == contacts(-0.8 * first) == rest
@@ -184,19 +193,27 @@ def test_two_elastic_spheres_push_by_both_radii():
     assert -Overlap.spheres(E, nu, 8.0).dphi(8.0 - delta) == pytest.approx(force, rel=1e-9)
 
 
+@pytest.mark.slow
+def test_the_bulk_modulus_of_hertz_law_bends_to_the_cube_root_of_the_pressure():
+    """Between neighbouring decades, by own sums: only where hardly a contact is left beyond the fewest is the exponent 1/3."""
+    pressures, bulk = np.geomspace(1e-1, 1e-7, 7), []
+    for seed in range(2):
+        found = None
+        for pressure in pressures:
+            found = found.at(pressure * ENERGY) if found else packing(DISCS, pressure * ENERGY, Overlap(ENERGY, 2.5), seed)
+            bulk.append(np.einsum('iikk', own_moduli(*at_rest(found), found.radii[found.held], 2.5, False, False)) / 4)
+            assert elastic_moduli(found.atoms).bulk == pytest.approx(bulk[-1], rel=1e-11)
+    exponents = -np.diff(np.log10(np.reshape(bulk, (2, 7)))).mean(axis=0)
+    assert exponents[:2].min() > 0.37  # as at the pressures of the page, where it is 0.39
+    assert abs(exponents[-2:].mean() - 1 / 3) < 0.015
+
+
 @pytest.mark.parametrize('seed', range(2))
 def test_the_shear_modulus_is_that_of_a_finite_shear(seed):
     """Own energies of the sheared cell after own Newton steps with contacts free: no formula of moduli enters."""
-    found, strain, power = drawn(seed, 2, 2.0, 3e-2), 1e-6, 2.0
-    x0, cell0, radii = found.atoms.positions[:, :2], found.atoms.cell.array[:2, :2], found.radii[found.held]
-    stresses = []
-    for sign in (1, -1):
-        turn = np.eye(2) + sign * strain / 2 * np.array([[0, 1], [1, 0]])
-        x, cell = x0 @ turn, cell0 @ turn
-        for _ in range(4):
-            F, _, H, *_ = own(x, cell, radii, power)
-            x = x + (np.linalg.pinv(H, rcond=1e-9, hermitian=True) @ F.ravel()).reshape(x.shape)
-        stresses.append(-own(x, cell, radii, power)[1][0, 1] / abs(np.linalg.det(cell)))
+    found, strain = drawn(seed, 2, 2.0, 3e-2), 1e-6
+    cells = [sheared(found, sign * strain) for sign in (1, -1)]
+    stresses = [-own(x, cell, found.radii[found.held], 2.0)[1][0, 1] / abs(np.linalg.det(cell)) for x, cell in cells]
     shear = (stresses[0] - stresses[1]) / (2 * strain)
     birch = elastic_moduli(found.atoms).birch
     assert birch[0, 1, 0, 1] == pytest.approx(shear, rel=1e-5)  # third derivatives: a contact changes by 1e-4 of its overlap
@@ -227,7 +244,8 @@ def test_tools_that_know_no_radii_refuse_them_and_the_others_use_them():
 
 @pytest.mark.parametrize(('what', 'words'), [
     ({'radii': [0.5, 0.7]}, 'at least 16'), ({'radii': [-1.0] * 20}, 'smallest of the radii'), ({'pressure': 0.0}, 'pressure'),
-    ({'dim': 4}, 'dim'), ({'law': Overlap(1.0, diameter=2.0)}, 'law must be .* diameter 1'),
+    ({'dim': 4}, 'dim'), ({'radii': [0.5] * 20 + [9.0]}, 'radius of 9 mm touches its own image'),
+    ({'law': Overlap(1.0, 1.5)}, 'power of at least 2'), ({'law': Overlap(1.0, diameter=2.0)}, 'law .* diameter 1'),
     ({'law': InversePower(1.0, 4.0)}, 'law must be an Overlap')])
 def test_what_no_packing_has_is_refused(what, words):
     with pytest.raises(ValueError, match=words):
@@ -281,11 +299,6 @@ def test_contacts_that_open_and_close_keep_the_energy_and_a_fixed_list_does_not(
     now = {pair[:2] for pair in own_contacts(x, cell, radii)}
     # the control: by the list at rest some pairs that overlap now do not push
     assert not now <= {pair[:2] for pair in own_contacts(*at_rest(found), radii)}
-
-
-def at_rest(found):
-    dim = found.atoms.calc.dim
-    return found.atoms.positions[:, :dim], found.atoms.cell.array[:dim, :dim]
 
 
 def of_images(atoms, q, static):

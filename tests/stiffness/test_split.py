@@ -233,18 +233,18 @@ def test_a_force_without_an_end_asks_for_a_cutoff():
 
 
 class Pin(Calculator):
-    """A spring between one atom and its place; two atoms alone do not see it."""
+    """A spring between one atom and its place, in structures of numbers of atoms for which it `acts`."""
 
     implemented_properties = ['energy', 'forces']  # noqa: RUF012
 
-    def __init__(self, k, atom, place):
+    def __init__(self, k, atom, place, acts):
         super().__init__()
-        self.k, self.atom, self.place = k, atom, place
+        self.k, self.atom, self.place, self.acts = k, atom, place, acts
 
     def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
         super().calculate(atoms, properties, system_changes)
         forces, u = np.zeros((len(atoms), 3)), np.zeros(3)
-        if len(atoms) > 2:
+        if self.acts(len(atoms)):
             u = atoms.positions[self.atom] - self.place
             forces[self.atom] = -self.k * u
         self.results = {'energy': self.k * u @ u / 2, 'forces': forces}
@@ -253,13 +253,17 @@ class Pin(Calculator):
 @pytest.mark.parametrize('repeat', few_first([[2, 2, 1], [3, 2, 2], [3, 3, 3]], 1))
 @pytest.mark.parametrize('share', few_first([0.0, 0.4, 0.99], 1))
 def test_a_pin_on_one_atom_is_no_sum_over_pairs(repeat, share):
-    """All forces are compared, not those of a few atoms: the stiffness of the pinned one would be wrong."""
+    """All forces are compared, not those of a few atoms: the stiffness of the pinned one would be wrong.
+
+    Two atoms alone do not see the pin; one that knows its own structure only does not act in several cells either.
+    """
     atoms = bulk('Ar', 'fcc', a=5.256).repeat(repeat)
     lj = LennardJones(sigma=3.4, epsilon=0.0103, rc=7.0)
     at = int(share * len(atoms))
-    atoms.calc = SumCalculator([lj, Pin(1.0, at, atoms.positions[at].copy())])
-    with pytest.raises(ValueError, match='is not a sum over pairs'):
-        split(atoms)
+    for acts in (lambda n: n > 2, lambda n: n == len(atoms)):
+        atoms.calc = SumCalculator([lj, Pin(1.0, at, atoms.positions[at].copy(), acts)])
+        with pytest.raises(ValueError, match='is not a sum over pairs'):
+            split(atoms)
     atoms.calc = lj  # the control
     split(atoms)
 

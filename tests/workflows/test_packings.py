@@ -8,7 +8,6 @@ from workflows import packings
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_the_table_has_a_line_for_each_pressure_and_the_picture_is_drawn(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(packings, 'PRESSURES', packings.PRESSURES[:4])
     monkeypatch.setattr(packings, 'SPECTRA', {2: 1.0, 3: 0.5})
