@@ -75,7 +75,7 @@ def _in_short(scene, verdicts):
     judged = next(iter(verdicts.values()))
     said = [judged.finding('buckling').words]
     if (rigidity := judged['rigidity']) and rigidity.reserve:
-        said.append(f'{rigidity.reserve}.')
+        said.append(f'{rigidity.reserve}{"; D0 alone never says so" * (rigidity.factor > 1)}.')
     said += _across(judged, scene.foundation and scene.foundation.pillar)
     if (amplitude := judged['amplitude']) is not None and np.isfinite(amplitude):
         said.append(f'Linear to 1 % up to an amplitude of {units.in_words("m", amplitude / units.m, digits=2)}.')

@@ -223,12 +223,12 @@ def moments(X2: Matrix | Stencil, s: NDArray[np.float64], count: int) -> NDArray
 
 
 def none_negative(K: Products, size: int, most: int) -> bool:
-    """Whether products of K with one random vector, `most` at the most, show that no eigenvalue is negative.
+    """Whether at most `most` products of K with one random vector s show that no eigenvalue is negative.
 
     If all eigenvalues lay between `low` > 0 and the top, no T_n(X) s would be longer than s.  The part of s along the mode of a
-    negative one grows at least as cosh(n arccosh(1 + 2 low/(top - low))).  That of a normal s is above CHANCE at first, except
-    with this probability, so enough products show it.  If s grows, `low` was too high, or K is not positive: False if `most`
-    products cannot tell these apart, which leaves it to a factorisation.
+    negative one grows at least as cosh(n arccosh(1 + 2 low/(top - low))), from above CHANCE except with this probability, so
+    that enough products show it.  If s grows, `low` was too high, or K is not positive: False if too few products are left to
+    tell, which leaves it to a factorisation.
     """
     s, top = np.random.default_rng(0).normal(size=(size, 1)), _products(K).row_sum
     low, enough = top / 32, np.arccosh(LARGEST_GROWTH * np.linalg.norm(s) / CHANCE)

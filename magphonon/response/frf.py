@@ -290,8 +290,9 @@ def _steady(system, force, omega, rates, particles, tolerance, stiffer):
         if _series_length(_inner(_scaled(K, omega, gamma)[1]), tolerance) > factorisation * len(omega):
             error = np.full(len(omega), np.inf)
         else:
-            if not none_negative(K, len(s), int(factorisation / DEFINITE)):
-                refuse_unstable(system)
+            if 'stable' not in vars(system) and none_negative(K, len(s), int(factorisation / DEFINITE)):
+                vars(system)['stable'] = True  # the cached property, so that nobody asks again
+            refuse_unstable(system)
             u[..., : system.dim], error, _ = series_response(system, s, omega, gamma, particles, tolerance, K)
     lost = error > tolerance * abs(u).max(axis=(1, 2), initial=0.0)
     if lost.any():

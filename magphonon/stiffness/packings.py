@@ -159,8 +159,9 @@ def packing(radii: ArrayLike, pressure: float, law: Overlap, seed: int = 0, dim:
     (True, True)
     """
     radii, pressure = finite('radii', radii), positive('pressure', pressure)
-    if not isinstance(law, Overlap) or law.diameter != 1:
-        raise ValueError(f'law must be an Overlap of the distance over the sum of both radii, with diameter 1, not {law!r}')
+    if not isinstance(law, Overlap) or law.diameter != 1 or law.power < 2:
+        raise ValueError('law must be an Overlap of the distance over the sum of both radii, with diameter 1 and a power of at '
+                         f'least 2, below which a contact that opens is infinitely stiff, not {law!r}')
     positive('the smallest of the radii', radii.min(initial=np.inf), 'mm')
     if radii.ndim != 1 or len(radii) < 2**one_of('dim', dim, (2, 3)) * 4:
         raise ValueError(f'radii must be a list of at least {2**dim * 4} numbers, not of the shape {radii.shape}')

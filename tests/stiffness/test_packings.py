@@ -245,7 +245,8 @@ def test_tools_that_know_no_radii_refuse_them_and_the_others_use_them():
 @pytest.mark.parametrize(('what', 'words'), [
     ({'radii': [0.5, 0.7]}, 'at least 16'), ({'radii': [-1.0] * 20}, 'smallest of the radii'), ({'pressure': 0.0}, 'pressure'),
     ({'dim': 4}, 'dim'), ({'radii': [0.5] * 20 + [9.0]}, 'radius of 9 mm touches its own image'),
-    ({'law': Overlap(1.0, diameter=2.0)}, 'law .* diameter 1'), ({'law': InversePower(1.0, 4.0)}, 'law must be an Overlap')])
+    ({'law': Overlap(1.0, 1.5)}, 'power of at least 2'), ({'law': Overlap(1.0, diameter=2.0)}, 'law .* diameter 1'),
+    ({'law': InversePower(1.0, 4.0)}, 'law must be an Overlap')])
 def test_what_no_packing_has_is_refused(what, words):
     with pytest.raises(ValueError, match=words):
         packing(**{'radii': [0.5, 0.7] * 10, 'pressure': 1e-2, 'law': Overlap(1.0)} | what)
