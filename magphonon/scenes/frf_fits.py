@@ -214,7 +214,7 @@ def missing_magnet(found: FrfFits) -> NDArray[np.float64] | None:
 
 def _without(found, k, place):
     """The lattice without particle k, the names of its parameters, and the functions that count its particles."""
-    before = found.scene.defects or Defects.model_construct()
+    before = found.scene.defects or Defects.model_construct(vacancies_m=())
     own = before.model_copy(update={'vacancies_m': (*before.vacancies_m, place.tolist())})
 
     def counted(dof):
