@@ -79,9 +79,9 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='distance of the centres at contact; a table with a smaller one is refused (default: that of a '
                              'scene of magnets)')
     parser.add_argument('--dry-run', action='store_true', help='only say how each file is understood')
-    parser.add_argument('-o', '--output', metavar='DIR',
-                        help='directory for the picture and the fitted tables of a scene (default: none; tables are printed); '
-                             'for forces also FILE.toml: the scene that is named first, with the fitted law in place of its own')
+    parser.add_argument('-o', '--output', metavar='OUT',
+                        help='for forces FILE.toml: the scene that is named first, with the fitted law in place of its own; '
+                             'or a directory for the picture and the fitted tables (default: none; tables are printed)')
     add_force(parser)
     add_verbose(parser)
     add_style(parser)
