@@ -218,16 +218,18 @@ class LinearSystem:
 
     def unbalanced(self, forces: NDArray[np.float64]) -> NDArray[np.float64]:
         """The part of `forces` (N) along free directions, shape (particles,), and zero if less than BALANCED."""
-        mobile, guided, barred = self._freedom
-        forces = forces * mobile[:, None]
-        forces[guided] -= np.einsum('gxy,gy->gx', barred, forces[guided])
-        if not forces.any():
+        if not forces.any() or not (left := lengths_of(self._along_free(forces))).any():
             return np.zeros(len(self))
         calc: Any = self.atoms.calc
-        left = lengths_of(forces)
         shaken = PLACES * max(abs(calc.reference.positions).max(), calc.bonds.lengths.max(initial=0.0))  # in mm
         force, stiffness = self._largest
         return left * (left > max(BALANCED * force, shaken * stiffness))
+
+    def _along_free(self, forces):
+        mobile, guided, barred = self._freedom
+        forces = forces * mobile[:, None]
+        forces[guided] -= np.einsum('gxy,gy->gx', barred, forces[guided])
+        return forces
 
     @cached_property
     def _largest(self):
