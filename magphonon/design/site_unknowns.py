@@ -331,10 +331,10 @@ class _Problem(ManyUnknowns):
         return Place(x, z, by_name.get('gain', 1.0) * np.concatenate([one.h for one in fields[1]]), (built, fields))
 
     def slopes(self, place):
-        built, fields = place.built
+        built, (basis, each) = place.built
         gain = np.exp(place.x[self.names.index('gain')]) if 'gain' in self.names else 1.0
-        by_names = response_slopes(built, self.functions, self.names, fields=fields)[1].T
-        return gain * by_names, gain * site_slopes(built, *fields, self.sites, self.scatter)
+        by_names = response_slopes(built, self.functions, self.names, fields=(basis, each))[1].T
+        return gain * by_names, gain * site_slopes(built, basis, each, self.sites, self.scatter)
 
     def of_most_evidence(self, place: Place, known: bool) -> tuple[Place, Linear, NDArray[np.float64], float] | None:
         """The last point, its linearisation, the scatter of most evidence and the noise, which is `known` or follows from what

@@ -344,9 +344,9 @@ class Blocks:
 
         d, mobility = self._half[:, None], self._mobile / self._masses[:, None]
         decay, self._push = np.hstack([d, d * d, d]), np.hstack([1 + 0 * d, (1 + d * d) / 2, d]) * mobility
-        turns = put(np.stack([decay.imag, self._push.imag], axis=1)) if np.iscomplexobj(d) else None
+        turns = put(np.imag(np.stack([decay, self._push], axis=1))) if np.iscomplexobj(d) else None
         return Sites(put(np.broadcast_to(self.calc.foundation, (len(d), self.calc.dim))),
-                     None if self._load is None else put(self._load), put(decay.real), put(self._push.real), turns)
+                     None if self._load is None else put(self._load), put(np.real(decay)), put(np.real(self._push)), turns)
 
     def _flow_of(self, stages):
         """Factors (keep, kick, drift) of the stages of a block, in which the last kick of a step and the next share one."""

@@ -165,7 +165,8 @@ class DrivenVerlet(VelocityVerlet):
             self.attach(self.closelater(EnergyLog(self, atoms, logfile, self.comm)), loginterval)
         self.recorders = []
         self._start = atoms.get_positions()
-        self._blocks, self._cages, self._unseen, self._good = None, None, 0.0, None
+        self._blocks: Any = None
+        self._cages, self._unseen, self._good = None, 0.0, None
         self._prepared = self._setting(), None, 0.0
         self._counted, self._error = 0, 0.0  # steps whose error has been added up, and their error
 

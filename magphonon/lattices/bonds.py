@@ -425,7 +425,7 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
                              f'({_widest_gap(atoms, last):.4g} mm lies in the widest gap)')
         return bonds
     cutoff = positive('cutoff', cutoff, 'mm')
-    *_, distances = pairs = pairs_within(atoms, cutoff * (1 + 2 * ON_SHELL))
+    i, j, shift, distances = pairs_within(atoms, cutoff * (1 + 2 * ON_SHELL))
     if not len(distances):
         raise ValueError(f'no two particles are within the cutoff of {cutoff:g} mm; increase it, or check the unit of the '
                          'positions')
@@ -433,7 +433,8 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
     if abs(near - cutoff) <= ON_SHELL * cutoff:
         raise ValueError(f'the cutoff {cutoff:g} mm falls on a shell of neighbours at {near:.9g} mm; '
                          'move it between two shells, or give shells=')
-    return _bonds(atoms, *(x[distances <= cutoff] for x in pairs), cutoff)
+    within = distances <= cutoff
+    return _bonds(atoms, i[within], j[within], shift[within], distances[within], cutoff)
 
 
 def bonds_within(atoms: Atoms, cutoff: float) -> Bonds:

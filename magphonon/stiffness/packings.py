@@ -221,8 +221,8 @@ def _balance(atoms, held, radii, law, pressure, least):
         if not step or (step % 5 == 0 and _strayed(x, first, radii.min()) > 0.45 * SKIN):
             some.set_cell(x[n:])
             some.positions, first = x[:n], x
-            pairs, shift, root = _near(some, radii, law, pressure)
-        forces(x, shift @ x[n:], *pairs, law.power, F)
+            (i, j, touching, energies), shift, root = _near(some, radii, law, pressure)
+        forces(x, shift @ x[n:], i, j, touching, energies, law.power, F)
         F[n:] -= pressure * abs(np.linalg.det(x[n:])) * wall
         F /= root
         if np.abs(F).max() < least * push / np.sqrt((root[:n] ** 2).mean()):
