@@ -78,7 +78,7 @@ def main():
             f'  - name: {full(one)}\n' + (f'    orcid: {one["orcid"]}\n' if 'orcid' in one else '')
             + f'    affiliation: {one["affiliation"]}\n' for one in authors) + 'affiliations:\n' + ''.join(
             f'  - name: {quoted(name)}\n    index: {k}\n' for k, name in enumerate(owner['affiliations'], 1))))
-    changed('README.md', marked('sources', f'Clone [its sources]({where})' if where else 'Unpack or clone its sources'))
+    changed('README.md', marked('sources', f'Clone [the sources]({where})' if where else 'Unpack or clone the sources'))
     changed('CONTRIBUTING.md', marked('tracker', f'[the tracker of issues]({where}/issues)' if where else
                                       'the tracker of issues where these sources are kept, or whoever gave them to you'))
     changed('CODE_OF_CONDUCT.md', marked('contact', f'to <{contact}>' if contact else 'to any maintainer'))

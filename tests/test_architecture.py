@@ -26,7 +26,7 @@ FILES = sorted(file for file in PACKAGE.rglob('*.py') if file.parent != PACKAGE 
 
 
 def name_of(file):
-    """Dotted name within the package, as 'bands.zone'; that of a room for its __init__."""
+    """Dotted name within the package, as 'bands.bloch'; that of a room for its __init__."""
     return '.'.join(file.relative_to(PACKAGE).with_suffix('').parts).removesuffix('.__init__')
 
 

@@ -88,7 +88,7 @@ def test_one_file_of_the_owner_fills_all_places(tmp_path):
     assert yaml.safe_load(texts['recipe.yaml'])['about']['repository'] == 'https://forge.example/magphonon'
     assert 'https://forge.example/magphonon/issues' in texts['CONTRIBUTING.md']
     assert 'conduct@example.org' in texts['CODE_OF_CONDUCT.md']
-    assert 'Clone [its sources](https://forge.example/magphonon)' in texts['README.md']
+    assert 'Clone [the sources](https://forge.example/magphonon)' in texts['README.md']
 
 
 def test_conda_installs_what_pip_installs():

@@ -2,7 +2,7 @@
 
 `bloch` diagonalises the Bloch matrix at any wavevectors, `bands` along a path, with group velocities, speeds of sound and edge
 waves; `force_constants` is the second method, whose files are in `phonopy_files`.  `evanescent` finds the decaying waves inside a
-gap, `density` the density of states, `zone` the bands over the whole zone.
+gap, `density` the density of states, `topology` Chern numbers.
 """
 
 import lazy_loader

@@ -3,7 +3,7 @@
 `sources` finds the text of a scene, in a file, a ready scene or a stream; `scene` reads it and `consistency` compares its
 tables; `lattices`, `structures` and `laws` build the objects that its tables describe; `plans` holds the computations,
 `tolerances` the uncertainties of the parameters; `band_fits` fits a scene to measured branches; `fields` checks the numbers and
-texts of the tables, and `keys` lists them all.
+texts of the tables.
 """
 
 import lazy_loader
