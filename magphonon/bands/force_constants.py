@@ -67,8 +67,7 @@ def finite_displacements(atoms: Atoms, supercell: ArrayLike | None = None, dista
     the force constants then contain the foundation and the springs to the held particles.
 
     Where phonopy multiplies by Planck's constant, it assumes that frequencies are in THz: multiply `unit_conversion_factor` by
-    1e-12 before, and give a `cutoff_frequency` such as 1e-14. Its own `save` does not keep the unit of frequency: use
-    `write_phonopy_params` instead.
+    1e-12 before, and give a `cutoff_frequency` such as 1e-14. Its own `save` loses the unit: use `write_phonopy_params`.
 
     Parameters
     ----------
