@@ -48,7 +48,7 @@ from .sites import (
 )
 
 NO_STRESS = ('the stress on a cell is defined by its bonds in the complete model; a foundation or a dead load adds external '
-             'forces: use a calculator without them, or if bonds alone are at rest magphonon.stiffness.elastic_moduli(atoms).stress')
+             'forces: use a calculator without them, or if bonds balance magphonon.stiffness.elastic_moduli(atoms).stress')
 ACROSS = 1e-9  # relative change of the cell across its periodic directions above which the change is not round-off
 HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
 
