@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..bands.bands import points_on
-from ..bands.neighbours import neighbour_shifts
+from ..bands.neighbours import NeighbourShifts, neighbour_shifts
 from ..scenes.laws import TOLERANCE, SavedLaw
 from ..scenes.scene import MOST_IN_A_CELL, Scene
 from ..scenes.sources import ready_scenes
@@ -95,7 +94,7 @@ def _shifts(scene, points):
     found = neighbour_shifts(cell, np.concatenate(list(waves.values())))
     if scene.foundation is not None:  # heavy pillars lower both
         omega, every = (scene.foundation.slowed(each, cell.get_masses()) for each in (found.omega, found.every))
-        found = replace(found, omega=omega, every=every)
+        found = NeighbourShifts(omega, every, found.known)
     branch = 'branch in the plane' if cell.calc.layer else 'branch'
     for name, several in waves.items():
         here = slice(first, first + len(several))

@@ -224,6 +224,8 @@ def refusal(atoms: Atoms) -> str | None:
         return 'the laws are functions of the distance over the sum of both radii'
     if atoms.calc.dim == 2 and out_of_plane(atoms).any():
         return 'particles move out of the plane'
+    if (atoms.calc.bonds.i == atoms.calc.bonds.j).all():
+        return 'every bond joins a particle to its own image, and never changes'
     try:
         freedom(atoms)
     except ValueError as error:

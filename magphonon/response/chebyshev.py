@@ -232,7 +232,7 @@ def none_negative(K: Products, size: int, most: int) -> bool:
     """
     s, top = np.random.default_rng(0).normal(size=(size, 1)), _products(K).row_sum
     low, enough = top / 32, np.arccosh(LARGEST_GROWTH * np.linalg.norm(s) / CHANCE)
-    while (count := int(enough / np.arccosh(1 + 2 * low / (top - low))) + 1) <= most:
+    while top and (count := int(enough / np.arccosh(1 + 2 * low / (top - low))) + 1) <= most:
         with suppress(Outside):
             _moments_on(Interval(low, top), _products(K), [s], 2 * count, None)
             return True

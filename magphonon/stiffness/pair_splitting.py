@@ -199,8 +199,8 @@ def _refuse_many_bodies(atoms, tags, laws, reach):
         for (a, b), law in laws.items():
             mine = (np.minimum(which[i], which[j]) == a) & (np.maximum(which[i], which[j]) == b)
             np.add.at(sums, i[mine], (law.slopes(r[mine] * MM) / r[mine])[:, None] * R[mine])
-        largest, apart = max(largest, abs(forces).max()), max(apart, abs(forces - sums).max())
-    if apart > SAME * largest:
+        largest, apart = max(largest, abs(forces).max()), np.maximum(apart, abs(forces - sums).max())
+    if not apart <= SAME * largest:  # nor NaN
         raise ValueError(f'{type(atoms.calc).__name__} is not a sum over pairs: when the atoms are shaken by {SHAKEN:.0%} of '
                          f'their distance, its forces differ from those of all pairs within {reach / MM:.4g} Angstrom by up to '
                          f'{apart / largest:.2g} of the largest. D* is defined only for energies that are functions of the '

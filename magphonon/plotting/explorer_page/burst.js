@@ -104,8 +104,9 @@ function pull(patch, K, springs, u, F) {
 function relaxed(patch, data, state) {
   const rest = new Float64Array(2 * patch.size), F = new Float64Array(2 * patch.size), springs = springsOf(patch, state);
   const typical = data.law.force_N * (state.spacing_m / data.law.spacing_m) ** -state.exponent;
-  for (let round = 0; round < 30; round++) {
-    const bonds = bondsAt(patch, data, state, rest);
+  for (let round = 1; round < 40; round++) {
+    const share = Math.min(1, round / 8);  // with all of the force at once Newton's method may land on a saddle
+    const bonds = bondsAt(patch, data, state, rest).map(([x, y, along, across, r]) => [x, y, share * along, share * across, r]);
     for (let k = 0; k < F.length; k++) F[k] = -springs[k >> 1] * rest[k];
     bonds.forEach(([nx, ny, , across, r], b) => {
       const p = 2 * patch.i[b], q = 2 * patch.j[b], f = -across * r;
@@ -115,7 +116,7 @@ function relaxed(patch, data, state) {
       F[q + 1] += f * ny;
     });
     patch.held.forEach((held, p) => held && F.fill(0, 2 * p, 2 * p + 2));
-    if (Math.max(...F.map(Math.abs)) < BALANCED * typical) return rest;
+    if (share === 1 && Math.max(...F.map(Math.abs)) < BALANCED * typical) return rest;
     const step = solved(patch, stiffnessOf(bonds, 'complete'), springs, F);
     if (!step) return null;
     const most = Math.max(...step.map(Math.abs)), part = Math.min(1, 0.1 * state.spacing_m / most);
@@ -147,9 +148,7 @@ function solved(patch, K, springs, F) {
 }
 
 function dot(a, b) {
-  let sum = 0;
-  for (let k = 0; k < a.length; k++) sum += a[k] * b[k];
-  return sum;
+  return a.reduce((sum, part, k) => sum + part * b[k], 0);
 }
 
 /** The motion of one model from rest, pushed at one particle. */
