@@ -10,7 +10,7 @@ from ase.constraints import FixAtoms, FixCom
 from ase.io import read
 from motion import DT, apart, patch, states_of
 
-from magphonon import DrivenVerlet, ToneBurst
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, ToneBurst, lattices
 from magphonon.dynamics import Constant, Harmonic, compiled
 from magphonon.interactions import Tabulated
 from magphonon.stiffness import restored
@@ -25,6 +25,17 @@ def test_observers_are_called_as_by_ase(engine):
     dyn.run(20)
     dyn.run(4)
     assert calls == {3: [0, 3, 6, 9, 12, 15, 18, 21, 24], 7: [0, 7, 14, 21], -11: [11]}
+
+
+def test_one_magnet_in_a_cell_moves_on_its_spring_alone():
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=1.0)
+    cell.set_velocities([[0.1, 0.0, 0.0]])
+    dyn = DrivenVerlet(cell, 0.03)
+    dyn.run(2500)  # enough for compiled steps, but bonds to its own images never change
+    w = 2 * np.arcsin(0.015)  # rad a step
+    assert dyn.engine == 'ase'
+    assert dyn.displacements[0, 0] == pytest.approx(0.003 / np.sin(w) * np.sin(2500 * w), rel=1e-8)
 
 
 def test_trajectory_and_log(tmp_path):

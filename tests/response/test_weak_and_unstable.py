@@ -148,17 +148,7 @@ def test_a_random_vector_shows_which_side_of_the_threshold(seed):
         assert none_negative(above, len(K), int(60 / np.sqrt(share)))
         assert not none_negative(above, len(K), int(2 / np.sqrt(share)))  # the control: too few products to tell
         assert not none_negative(below, len(K), int(60 / np.sqrt(share)))
-
-
-@pytest.mark.slow
-def test_vectors_that_grow_betray_strong_instability_only():
-    # the control: what was looked at before; a series ends long before a weak instability has doubled its vectors
-    patch = Patch(0)
-    needed = -np.linalg.eigvalsh(patch.H)[0]
-    system = LinearSystem.of(patch.on(0.99 * needed))
-    s = system.shapes.T @ patch.force[:, :2].ravel()
-    assert np.isfinite(frf.series_response(system, s, np.array([0.3]), 0.5, np.array([5]), TOLERANCE)[0]).all()
-    assert not system.stable
+    assert not none_negative(Matrix(sparse.csr_array((9, 9))), 9, 100)  # no force at all: shown by other means
 
 
 @pytest.mark.slow

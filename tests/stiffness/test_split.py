@@ -260,8 +260,8 @@ def test_a_pin_on_one_atom_is_no_sum_over_pairs(repeat, share):
     atoms = bulk('Ar', 'fcc', a=5.256).repeat(repeat)
     lj = LennardJones(sigma=3.4, epsilon=0.0103, rc=7.0)
     at = int(share * len(atoms))
-    for acts in (lambda n: n > 2, lambda n: n == len(atoms)):
-        atoms.calc = SumCalculator([lj, Pin(1.0, at, atoms.positions[at].copy(), acts)])
+    for k, acts in ((1.0, lambda n: n > 2), (1.0, lambda n: n == len(atoms)), (np.nan, lambda n: n > 2)):
+        atoms.calc = SumCalculator([lj, Pin(k, at, atoms.positions[at].copy(), acts)])
         with pytest.raises(ValueError, match='is not a sum over pairs'):
             split(atoms)
     atoms.calc = lj  # the control
