@@ -34,8 +34,7 @@ def test_one_magnet_in_a_cell_moves_on_its_spring_alone():
     dyn = DrivenVerlet(cell, 0.03)
     dyn.run(2500)  # enough for compiled steps, but bonds to its own images never change
     w = 2 * np.arcsin(0.015)  # rad a step
-    assert dyn.engine == 'ase'
-    assert dyn.displacements[0, 0] == pytest.approx(0.003 / np.sin(w) * np.sin(2500 * w), rel=1e-8)
+    assert (dyn.engine, dyn.displacements[0, 0]) == ('ase', pytest.approx(0.003 / np.sin(w) * np.sin(2500 * w), rel=1e-8))
 
 
 def test_trajectory_and_log(tmp_path):
