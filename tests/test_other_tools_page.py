@@ -42,7 +42,6 @@ def test_the_blocks_run(folder):
                 np.testing.assert_allclose(names['phonon'].run_qpoints(AT).frequencies[:, -2:],
                                            [[26.5507, 26.5507], [58.2327, 149.4763]], rtol=2e-6)
             found |= names
-    np.testing.assert_allclose(found['at_M'], [58.2327, 149.4763], rtol=2e-6)
     np.testing.assert_allclose(found['found']['standard'], [[26.55, 26.55], [58.23, 149.48]], atol=0.005)
     np.testing.assert_allclose(found['found']['Frederiksen'], [[0, 0], [51.83, 147.10]], atol=0.02)  # as the page says
     assert (found['again'].get_potential_energy(), found['ax'].get_ylabel()) == (0.0, 'frequency (Hz)')
