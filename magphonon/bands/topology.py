@@ -19,7 +19,7 @@ from ..stiffness.matrices import Model, first_order, mass_weighted
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes
-from .bloch import in_batches
+from .bloch import PLANAR, in_batches
 
 COARSE, FINE = 24, 192
 """Number of wavevectors along each reciprocal vector: at first, and at most after doublings."""
@@ -66,7 +66,7 @@ def chern_numbers(cell: Atoms | LinearSystem, model: Model | None = None) -> NDA
     (array([ 1, -1,  1, -1]), array([ 1,  0,  0, -1]))
     """
     system = LinearSystem.of(cell).moving()
-    if tuple(system.atoms.pbc) != (True, True, False):
+    if tuple(system.atoms.pbc) != PLANAR:
         raise ValueError('only bands over a two-dimensional zone have Chern numbers; take one cell of a planar lattice, pbc (1, '
                          '1, 0)')
     turn = np.sign(np.linalg.det(system.atoms.cell.array[:2, :2]))
