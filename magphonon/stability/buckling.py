@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from ase import Atoms
@@ -19,15 +19,17 @@ from scipy.optimize import brentq
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from ..errors import whole
-from ..lattices.bonds import Bonds
 from ..stiffness.factors import inverse
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.matrices import Model, bloch_matrix, growth, hessian, model_stiffness
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import BALANCED, LinearSystem, freedom
-from ..stiffness.sites import Foundation
 from ..traits import LIKE, all_but, refuse, takes
 from .soft_waves import softest_wave
+
+if TYPE_CHECKING:
+    from ..lattices.bonds import Bonds
+    from ..stiffness.sites import Foundation
 
 ROUND_OFF = 1e-12  # fraction of the largest eigenvalue below which an eigenvalue is zero
 VERGE = 1e-9  # distance from the foundation that is needed, as a fraction of it, within which round-off would decide
