@@ -257,9 +257,9 @@ class Case:
         return size if size > DENSE else 0
 
     @property
-    def touching(self) -> bool:
-        """Whether particles are in mechanical contact, which they would lose at other spacings."""
-        return any(isinstance(law, Overlap) for law in laws_of(self.calc.laws))
+    def scalable(self) -> bool:
+        """Whether stability is known at other spacings, at which particles in mechanical contact would lose it."""
+        return self.balanced and self.listed and not any(isinstance(law, Overlap) for law in laws_of(self.calc.laws))
 
     @cached_property
     def inside(self) -> Buckling:
@@ -331,11 +331,10 @@ def residual(case: Case) -> Finding:
 @check
 def buckling(case: Case) -> Finding:
     """Stability in the plane, or in space, by the complete model, because the conventional model does not show buckling."""
-    search = case.balanced and case.listed and not case.touching
-    many = search and case.large > (SPACED if case.finite else 0)  # for the spacing at which stability ends
-    scale = 1.0 if case.inside.verge else critical_spacing(case.system) if search and not many else None
+    many = case.scalable and case.large > (SPACED if case.finite else 0)  # for the spacing at which stability ends
+    scale = 1.0 if case.inside.verge else critical_spacing(case.system) if case.scalable and not many else None
     found = replace(case.inside, spacing=scale and scale * case.spacing)
-    words = found.words(' in the plane' if case.calc.dim == 2 else '', uneven=np.ndim(case.calc.foundation) > 0)
+    words = found.words(' in the plane' * (case.calc.dim == 2), uneven=np.ndim(case.calc.foundation) > 0)
     words += _further(case, found)
     if case.large and case.atoms.pbc.any():
         words += (' The periodic cell is so large that only waves that fit into one or two cells were computed; another wave may '
@@ -370,16 +369,13 @@ def timestep_limit(case: Case) -> Finding:
     """Longest stable time step in ms: 2/omega_max of the structure, or of all waves of a lattice with a small cell, or less if
     the damping requires it; infinite if no mode vibrates.
     """
-    waves, gyrates = case.atoms.pbc.any() and not case.large, case.gyrating is not None
-    whole: Any = case.gyrating if gyrates else case.system
-    system = whole.without_B() if gyrates else whole
-    if not waves:
-        highest = highest_frequency(whole)
-    elif gyrates and not case.inside.held:  # then gyration counts, and so do the hills
+    if case.large or not case.atoms.pbc.any():
+        highest = highest_frequency(case.gyrating or case.system)
+    elif case.gyrating and not case.inside.held:  # then gyration counts, and so do the hills
         lowest = softest_of(case.system, foundation=case.inside.spring, weighted=True).lowest
-        highest = fastest(max(highest_squared(system), -lowest), case.gyrating.turning)
+        highest = fastest(max(highest_squared(case.system), -lowest), case.gyrating.turning)
     else:
-        highest = np.sqrt(max(highest_squared(system), 0.0))
+        highest = np.sqrt(max(highest_squared(case.system), 0.0))
     if case.above is not None:
         across = softest_of(case.across, 'complete', foundation=case.above.spring, weighted=True, upwards=True)
         highest = max(highest, np.sqrt(max(across.highest, 0.0)))
@@ -389,7 +385,7 @@ def timestep_limit(case: Case) -> Finding:
     if losses < 2 / highest:
         return Finding(losses, f'Time steps up to {u.in_words("s", losses / u.s)} are accepted with this damping, and a third of '
                        f'that is accurate to 0.3 %. Steps up to {u.in_words("s", 2 / highest / u.s)} would still be stable.')
-    of = u.in_words('Hz', u.hertz(highest)) + ' without gyration' * (gyrates and case.inside.held)
+    of = u.in_words('Hz', u.hertz(highest)) + ' without gyration' * (case.gyrating is not None and case.inside.held)
     return Finding(2 / highest, f'Time steps up to {u.in_words("s", 2 / highest / u.s)} are stable (2/omega_max, with the '
                    f'highest frequency of {of}); a tenth of that is accurate.')
 
