@@ -72,7 +72,7 @@ def phonon():
 
 @cache
 def forces():
-    return interactions.force_tables.synthetic_forces(mp.InversePower(2000.0, 4.0), np.linspace(8, 15, 8), 1e-3, seed=0)
+    return interactions.Forces(np.linspace(8, 15, 8), 2000 * np.linspace(8, 15, 8) ** -4.0, np.full(8, 1e-3))
 
 
 # --- wrong values ----------------------------------------------------------------------------------------------------
