@@ -29,7 +29,6 @@ from ase import Atoms
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from ..interactions.pair_laws import PairInteraction
 from ..lattices.bonds import Bonds, lengths_of
 from ..response.normal_modes import Modes, modes
 from ..stiffness.factors import inverse
@@ -39,6 +38,7 @@ from ..stiffness.sites import RAYLEIGH, cantilever_excess
 from ..traits import LIKE, takes
 
 if TYPE_CHECKING:
+    from ..interactions.pair_laws import PairInteraction
     from ..stiffness.defects import Scatter
 
 REGULAR = 1e-12
