@@ -173,9 +173,6 @@ def _shifts(found):
     told = [f'{bins:g} bins for the {sources.count(kind)} points of waves from a {kind}' for kind, bins in SHIFT_bins.items()
             if kind in sources]
     yield f'The intervals allow for a common shift of all ridges of a branch in wavenumber: {" and ".join(told)}.'
-    if strayed := found.fits['complete'].strayed:
-        yield (f'{strayed} of the points from a point source are closer to the other branch than to the branch of their own '
-               'motion.')
 
 
 def _doubts_of_ridges(found):

@@ -383,8 +383,7 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
     measured = abs(weights(functions) * measured_responses(functions))
     half = measured @ measured / 2 if known else np.inf  # more of what was measured must follow the lattice
     place = one.place(np.log(fit.factors), np.zeros(one.sites.ends[2]))
-    left = float(np.sqrt(np.mean(one.residuals(place) ** 2)))
-    wide = left / START if known else left * START
+    wide = fit.misfit / START if known else START
     while wide > 1 + 0.2 * known:
         place = replace(one, noise=one.noise * wide).descended(place, FEW, ROUGH)
         wide /= LOWER

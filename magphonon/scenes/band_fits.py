@@ -342,8 +342,8 @@ def of_any_law(scene: Scene, names: tuple[str, ...], priors: Mapping[str, tuple[
     if 'a' in names and scene.law.kind == 'inverse_power':
         a, sigma = ANY_EXPONENT
         own = {'a': (a / scene.law.a, sigma / a)} | own | dict.fromkeys(BENDS * far, (1.0, 1.0))
-    if 'force' in names and (unsure := unsure_exponent(scene)):
-        own[EXPONENT] = 1.0, unsure
+    if 'force' in names and scene.law.kind == 'table' and scene.uncertainty and scene.uncertainty.exponent:
+        own[EXPONENT] = 1.0, scene.uncertainty.exponent
     return (*names, *(name for name in own if name in UNTOLD)), own
 
 
@@ -406,11 +406,6 @@ def _refuse_two_springs(points, free):
         raise ValueError('ridges of a point source are shifted and cannot determine two springs, along x and along y; state what '
                          'is known of them (--prior foundation_x_N_per_m=20+-2), fix one of the springs, remove '
                          'foundation.stiffness_y_N_per_m, or drive a row of sources')
-
-
-def unsure_exponent(scene: Scene) -> float:
-    """The standard deviation of the exponent of a table of forces, as stated in [uncertainty]; zero if not stated."""
-    return (scene.law.kind == 'table' and scene.uncertainty is not None and scene.uncertainty.exponent) or 0.0
 
 
 def relative_prior(name: str, present: float, value: float, sigma: float, fixed: Sequence[str]) -> tuple[float, float]:

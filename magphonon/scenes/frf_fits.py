@@ -38,8 +38,6 @@ REACH = 8.0  # of the table of a law that departs from its inverse power, in spa
 CONTRADICTS = 3.5  # sigmas above which a prior contradicts the data
 CLEARLY = 1.5
 """Ratio of the residuals of the two models from which on one of them is ruled out where sites scatter, chosen by judgement."""
-
-
 LIKELY, MOST_SITES, EXPLAINS = 4, 100, 2.0
 """Number of places of a missing magnet that are tried in a whole fit, largest number of places, and factor by which the residual
 falls without it."""
@@ -197,14 +195,15 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
         start = fits[model].factors
     best = min(fit.square for fit in fits.values())
     for model, fit in fits.items():  # a model that is clearly worse needs no interval
-        worse = fit.square > CLEARLY**2 * best
-        if worse or model in stated:
-            fits[model] = fit.refused if worse else _with_sites(fit, build[model], own, relative)
+        if fit.square > CLEARLY**2 * best:
+            fits[model] = fit.refused
+        elif model in stated:
+            fits[model] = _with_sites(fit, build[model], own, relative)
     return FrfFits(scene, own, fits, priors)
 
 
 def _with_sites(fit, *problem):
-    """The fit with unknowns of the sites, from where the fit without them ended; if it fails there, from the scene."""
+    """The fit with unknowns of the sites, from where the fit without them ended; if that fails, from the scene."""
     first = with_site_unknowns(fit, *problem)
     if first.follows:
         return first
@@ -217,7 +216,8 @@ def _with_priors(scene, names, priors, fixed=()):
     relative = {name: (value, sigma) if name == 'gain' else
                 band_fits.relative_prior(name, value_of(scene, name), value, sigma, fixed)
                 for name, (value, sigma) in priors.items()}
-    return band_fits.of_any_law(scene, names, relative, scene.law.shells != 1)
+    far = scene.law.shells != 1 or getattr(scene.lattice, 'cutoff', None) is not None
+    return band_fits.of_any_law(scene, names, relative, far)
 
 
 def missing_magnet(found: FrfFits) -> NDArray[np.float64] | None:
