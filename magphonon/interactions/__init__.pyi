@@ -7,12 +7,13 @@ from .magnet_pairs import (
     pair_force as pair_force,
 )
 from .magnets import Cuboid as Cuboid, Ring as Ring, moment as moment
-from .members import Cable as Cable, Spring as Spring
 from .pair_laws import (
+    Cable as Cable,
     InversePower as InversePower,
     Overlap as Overlap,
     PairInteraction as PairInteraction,
     PairLaw as PairLaw,
+    Spring as Spring,
     Tabulated as Tabulated,
     Yukawa as Yukawa,
     repulsion as repulsion,

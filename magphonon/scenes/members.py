@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from .. import units as u
 from ..errors import shown, whole
-from ..interactions.members import Cable, Spring
+from ..interactions.pair_laws import Cable, Spring
 from ..stiffness.nets import net, self_stress
 from ..stiffness.repulsion import repulsion_of
 from .fields import Flag, Length, Number, Positive, Table, listed, within

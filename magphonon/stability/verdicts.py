@@ -22,8 +22,7 @@ from ..dynamics.splittings import SPLITTINGS
 from ..errors import one_of
 from ..interactions.bond_laws import laws_of, taken
 from ..interactions.law_cards import card_of
-from ..interactions.members import Spring
-from ..interactions.pair_laws import Overlap
+from ..interactions.pair_laws import Overlap, Spring
 from ..stiffness.lowest import DENSE
 from ..stiffness.plausibility import site_damping
 from ..stiffness.repulsion import Repulsion, repulsion_of

@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 
 from ..errors import Unstable, positive, whole
 from ..interactions.bond_laws import laws_of
-from ..interactions.members import Spring
+from ..interactions.pair_laws import Spring
 from ..lattices.bonds import Bonds, pairs_within
 from ..traits import LINEAR, takes
 from ..units import hertz

@@ -338,8 +338,7 @@ class LinearSystem:
     @cached_property
     def stable(self) -> bool:
         """Whether stiffness alone holds the structure: no squared frequency is negative, apart from round-off."""
-        from .bloch_bound import proves_stable  # late: bands need neither
-        from .lowest import none_negative
+        from .lowest import none_negative, proves_stable  # late: bands need neither
 
         return proves_stable(self) or none_negative(self.K)
 

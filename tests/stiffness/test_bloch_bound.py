@@ -7,8 +7,7 @@ from oracles import lattice
 from structures import L0, REACHES, structure
 
 from magphonon import InversePower, MagneticRepulsion, lattices
-from magphonon.stiffness.bloch_bound import proves_stable
-from magphonon.stiffness.lowest import ROUND_OFF
+from magphonon.stiffness.lowest import ROUND_OFF, proves_stable
 from magphonon.stiffness.rest import LinearSystem
 
 
