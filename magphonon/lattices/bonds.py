@@ -12,9 +12,11 @@ show which distances belong to one shell in spite of rounded positions, and wher
 from __future__ import annotations
 
 import operator
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.util import find_spec
 from itertools import product
 from typing import Any
 
@@ -30,6 +32,7 @@ from ..errors import positive, refuse_memory, whole
 Pairs = tuple[NDArray[np.int_], NDArray[np.int_], NDArray[Any], NDArray[np.float64]]
 """Particles i and j, the cell of j and the vector of each pair."""
 MOST_PARTICLES = 2**31 - 1
+MANY = 100_000  # number of particles from which on compiled passes repay loading them, 0.3 s
 PAIR_bytes, SHIFT_bytes = 80, 250  # at the peak while pairs are found, for each pair and each periodic cell; measured
 PIECE = 2**13  # number of pairs that are looked at together: a dozen arrays of their numbers stay in the second cache
 SHELL_WIDTH = 1e-4
@@ -59,8 +62,9 @@ ON_SHELL = 1e-6  # least relative distance of a cutoff from a shell; finite diff
 def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
     """All pairs within `cutoff`, each once, in ascending order of i, j and shift; particles may be in any periodic cell.
 
-    They are found by a k-d tree over the images near the cell.  The neighbour list of ASE 3.29 is not used, because it puts all
-    particles of a flat finite structure into one bin, which needs memory for the square of their number.
+    They are found in the cells of a grid, or by a k-d tree, over the images near the periodic cell.  The neighbour list of ASE
+    3.29 is not used, because it puts all particles of a flat finite structure into one bin, which needs memory for the square of
+    their number.
     """
     _refuse_nowhere(atoms)
     periods = atoms.cell.array[atoms.pbc]
@@ -69,6 +73,11 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
                          'set its cell, or its pbc to False')
     _refuse_many(atoms, periods, cutoff)
     n, inverse = len(atoms), np.linalg.pinv(periods)
+    if not len(periods):
+        i, j = _near(atoms.positions, n, cutoff)
+        i, j = divmod(np.sort(i * n + j), n)
+        shift = np.zeros((len(i), 3), np.int8)
+        return i, j, shift, vectors_between(atoms, i, j, shift)
     home = np.floor(atoms.positions @ inverse).astype(int)
     fraction = atoms.positions @ inverse - home
     points = atoms.positions - home @ periods
@@ -88,13 +97,24 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
     pair = np.minimum(i, j), np.maximum(i, j)
     sides = n, n, *(2 * most + 1)  # a number for each pair and cell is sorted ten times as fast as a table with these columns
     i, j, *cell = np.unravel_index(np.sort(np.ravel_multi_index((*pair, *(cell + most).T), sides)), sides)
-    shift = np.zeros((len(i), 3), int if len(periods) else np.int8)
-    shift[:, atoms.pbc] = np.reshape(cell, (len(most), len(i))).T - most + home[i] - home[j]
+    shift = np.zeros((len(i), 3), int)
+    shift[:, atoms.pbc] = np.transpose(cell) - most + home[i] - home[j]
     return i, j, shift, vectors_between(atoms, i, j, shift)
+
+
+def compiled(particles: int) -> Any:
+    """The module of compiled passes where they pay, as numba is loaded or there are many particles; otherwise None."""
+    if sys.modules.get('numba') is None and (particles < MANY or find_spec('numba') is None):
+        return None
+    from . import passes
+
+    return passes
 
 
 def _near(images, n, cutoff):
     """Pairs of one of the first n points and a later one within the cutoff, each once, in any order."""
+    if (passes := compiled(n)) and (found := passes.pairs_in_cells(images, n, cutoff)):
+        return found
     # particles of a lattice fill space evenly, where balance and close boxes only take time
     tree = cKDTree(images, balanced_tree=False, compact_nodes=False)
     if len(images) == n:
@@ -112,7 +132,7 @@ def _refuse_nowhere(atoms):
 def _refuse_many(atoms, periods, cutoff):
     """Raise ValueError if the pairs would not fit in memory; their number is estimated from the mean density of particles."""
     n, across = len(atoms), np.linalg.svd(periods)[2][len(periods):] if len(periods) else np.eye(3)
-    thick = np.ptp(atoms.positions @ across.T, axis=0)
+    thick = np.array([np.ptp(atoms.positions @ direction) for direction in across])
     thick = thick[thick > 2 * cutoff]
     ball = (1, 2, np.pi, 4 * np.pi / 3)[d := len(periods) + len(thick)] * cutoff**d
     pairs = n**2 / 2 * ball / (np.sqrt(np.linalg.det(periods @ periods.T)) * thick.prod())
@@ -288,7 +308,7 @@ class Bonds:
         if self.particles > MOST_PARTICLES:
             raise ValueError(f'bonds may join at most {MOST_PARTICLES} particles, not {self.particles}: their indices have 32 '
                              'bits')
-        slim = {name: np.asarray(getattr(self, name), np.int32) for name in 'ij'}
+        slim = {name: np.ascontiguousarray(getattr(self, name), np.int32) for name in 'ij'}
         if not np.any(self.shift):
             slim['shift'] = np.broadcast_to(np.zeros(3, int), (len(self.i), 3))
         for name, values in slim.items():
@@ -362,12 +382,18 @@ class Bonds:
 
     def relative(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Displacements of the far ends of the bonds relative to the near ones, `C u`, from u of shape (particles, dim)."""
-        return np.array([x[self.j] - x[self.i] for x in u.T]).T  # the bonds last in memory, as of their vectors
+        if not (passes := compiled(self.particles)):
+            return np.array([x[self.j] - x[self.i] for x in u.T]).T  # the bonds last in memory, as of their vectors
+        passes.differences(np.array(u, order='C'), self.i, self.j, moved := np.empty((u.shape[1], len(self))))
+        return moved.T
 
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sums `C^T pull` over the bonds: `pull`, shape (bonds, dim), acts on the far ends, and its negative on the near ones."""
-        far, near = (np.array([np.bincount(end, x, self.particles) for x in pull.T], float) for end in (self.j, self.i))
-        return (far - near).T
+        if not (passes := compiled(self.particles)):
+            far, near = (np.array([np.bincount(end, x, self.particles) for x in pull.T], float) for end in (self.j, self.i))
+            return (far - near).T
+        passes.sums(np.array(pull.T, order='C'), self.i, self.j, both := np.zeros((2, self.particles, pull.shape[1])))
+        return both[1] - both[0]
 
     @cached_property
     def incidence(self) -> sparse.csr_array:
