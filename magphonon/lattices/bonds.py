@@ -34,7 +34,7 @@ Pairs = tuple[NDArray[np.int_], NDArray[np.int_], NDArray[Any], NDArray[np.float
 MOST_PARTICLES = 2**31 - 1
 MANY = 100_000  # number of particles from which on compiled passes repay loading them, 0.3 s
 PAIR_bytes, SHIFT_bytes = 80, 250  # at the peak while pairs are found, for each pair and each periodic cell; measured
-PIECE = 2**13  # number of pairs that are looked at together: a dozen arrays of their numbers stay in the second cache
+FEW = 2**13  # number of coordinates that are looked at first
 SHELL_WIDTH = 1e-4
 """Largest relative difference of successive distances that belong to one shell of neighbours.
 
@@ -141,11 +141,6 @@ def _refuse_many(atoms, periods, cutoff):
                   'take a smaller cutoff or fewer shells')
 
 
-def stretches(count: int) -> list[slice]:
-    """Successive slices of at most PIECE entries that together cover `count` entries."""
-    return [np.s_[k : k + PIECE] for k in range(0, count, PIECE)]
-
-
 def vectors_between(atoms: Atoms, i: NDArray[np.int_], j: NDArray[np.int_], shift: NDArray[np.int_]) -> NDArray[np.float64]:
     """Vectors from the particles i to j in the cells `shift`, shape (pairs, 3), with the pairs last in memory.
 
@@ -201,8 +196,7 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
         lengths = lengths_of(vectors)
         both = held[i]
         both[both] = held[j[both]]
-        # most lengths are alike: few are left of each stretch
-        distances = np.unique(np.concatenate([np.unique(lengths[some][~both[some]]) for some in stretches(len(i))] or [lengths]))
+        distances = np.unique(lengths[~both])
         gaps = np.diff(distances) / distances[1:]
         last = np.flatnonzero(gaps > SHELL_WIDTH)  # last distance of each shell before another one
         complete = reach >= extent and not atoms.pbc.any()
@@ -265,7 +259,7 @@ def _last_decimal(atoms: Atoms) -> float:
     """The unit in mm of the last decimal of rounded positions; zero for positions with all digits."""
     numbers = np.concatenate([atoms.positions - atoms.positions[0], atoms.cell.array[atoms.pbc]]).ravel()
     for unit in 10.0 ** -np.array(DECIMALS):
-        parts = (numbers[some] for some in stretches(len(numbers)))  # for most lattices the first part decides
+        parts = numbers[:FEW], numbers  # for most lattices the first decides
         if all((abs(x - unit * np.rint(x / unit)) <= EXACT * np.maximum(abs(x), unit)).all() for x in parts):
             return float(unit)
     return 0.0
@@ -384,7 +378,7 @@ class Bonds:
         """Displacements of the far ends of the bonds relative to the near ones, `C u`, from u of shape (particles, dim)."""
         if not (passes := compiled(self.particles)):
             return np.array([x[self.j] - x[self.i] for x in u.T]).T  # the bonds last in memory, as of their vectors
-        passes.differences(np.array(u, order='C'), self.i, self.j, moved := np.empty((u.shape[1], len(self))))
+        passes.differences(np.array(u, float, order='C'), self.i, self.j, moved := np.empty((u.shape[1], len(self))))
         return moved.T
 
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -392,7 +386,7 @@ class Bonds:
         if not (passes := compiled(self.particles)):
             far, near = (np.array([np.bincount(end, x, self.particles) for x in pull.T], float) for end in (self.j, self.i))
             return (far - near).T
-        passes.sums(np.array(pull.T, order='C'), self.i, self.j, both := np.zeros((2, self.particles, pull.shape[1])))
+        passes.sums(np.ascontiguousarray(pull.T), self.i, self.j, both := np.zeros((2, self.particles, pull.shape[1])))
         return both[1] - both[0]
 
     @cached_property

@@ -224,7 +224,7 @@ def from_reference(calc: Repulsion, atoms: Atoms) -> NDArray[np.float64]:
         raise ValueError('the cell or its periodicity differs from the reference, to which the particles are anchored; make a '
                          'calculator for this cell, or, where neither foundation nor load holds them, atoms.calc.about(atoms)')
     u = atoms.positions - reference.positions
-    if not np.isfinite(u).all():
+    if not (np.isfinite(u.sum()) or np.isfinite(u).all()):  # the sum takes a third of the time
         raise ValueError(f'the position of particle {np.argwhere(~np.isfinite(u))[0, 0]} is not a finite number')
     return u
 

@@ -30,7 +30,7 @@ WAYS = passes, None
 
 def found_by(way):
     """Within it compiled passes find pairs and sums, or if `way` is None the k-d tree and NumPy."""
-    return mock.patch.object(of_bonds, 'compiled', lambda particles: way)
+    return mock.patch.object(of_bonds, 'compiled', return_value=way)
 
 
 @settings(max_examples=60, deadline=None)
@@ -313,23 +313,6 @@ def test_more_particles_than_32_bits_number_are_refused():
     Bonds([], [], none, none, 2**31 - 1)
     with pytest.raises(ValueError, match='at most 2147483647 particles, not 2147483648'):
         Bonds([], [], none, none, 2**31)
-
-
-@pytest.mark.parametrize('scatter', [0, 1e-9, 1e-6, 1e-2])
-def test_how_many_pairs_are_looked_at_together_does_not_matter(scatter, monkeypatch):
-    def found(atoms, shells):
-        try:
-            bonds = find_bonds(atoms, shells)
-        except ValueError as error:
-            return str(error)
-        return [part.tolist() for part in (bonds.i, bonds.j, bonds.shift, bonds.vectors)]
-
-    atoms = scattered(scatter)[1]
-    together = [found(atoms, shells) for shells in (1, 2)]
-    assert {type(one) for one in together} == {str if scatter > 1e-5 else list}
-    for piece in (1, 7):
-        monkeypatch.setattr(of_bonds, 'PIECE', piece)
-        assert [found(atoms, shells) for shells in (1, 2)] == together
 
 
 def test_a_free_particle_on_a_held_one_is_refused():
