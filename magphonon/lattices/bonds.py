@@ -32,7 +32,7 @@ from ..errors import positive, refuse_memory, whole
 Pairs = tuple[NDArray[np.int_], NDArray[np.int_], NDArray[Any], NDArray[np.float64]]
 """Particles i and j, the cell of j and the vector of each pair."""
 MOST_PARTICLES = 2**31 - 1
-MANY = 100_000  # number of particles from which on compiled passes repay loading them, 0.3 s
+MANY = 100_000  # number of particles from which on compiled code repays loading it, 0.3 s
 PAIR_bytes, SHIFT_bytes = 80, 250  # at the peak while pairs are found, for each pair and each periodic cell; measured
 FEW = 2**13  # number of coordinates that are looked at first
 SHELL_WIDTH = 1e-4
@@ -102,19 +102,18 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
     return i, j, shift, vectors_between(atoms, i, j, shift)
 
 
-def compiled(particles: int) -> Any:
-    """The module of compiled passes where they pay, as numba is loaded or there are many particles; otherwise None."""
-    if sys.modules.get('numba') is None and (particles < MANY or find_spec('numba') is None):
-        return None
-    from . import passes
-
-    return passes
+def compiling_pays(particles: int) -> bool:
+    """Whether numba is loaded, or there are so many particles that loading it pays."""
+    return sys.modules.get('numba') is not None or (particles >= MANY and find_spec('numba') is not None)
 
 
 def _near(images, n, cutoff):
     """Pairs of one of the first n points and a later one within the cutoff, each once, in any order."""
-    if (passes := compiled(n)) and (found := passes.pairs_in_cells(images, n, cutoff)):
-        return found
+    if compiling_pays(n):
+        from .cells import pairs_in_cells
+
+        if found := pairs_in_cells(images, n, cutoff):
+            return found
     # particles of a lattice fill space evenly, where balance and close boxes only take time
     tree = cKDTree(images, balanced_tree=False, compact_nodes=False)
     if len(images) == n:
@@ -376,18 +375,12 @@ class Bonds:
 
     def relative(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Displacements of the far ends of the bonds relative to the near ones, `C u`, from u of shape (particles, dim)."""
-        if not (passes := compiled(self.particles)):
-            return np.array([x[self.j] - x[self.i] for x in u.T]).T  # the bonds last in memory, as of their vectors
-        passes.differences(np.array(u, float, order='C'), self.i, self.j, moved := np.empty((u.shape[1], len(self))))
-        return moved.T
+        return np.array([x[self.j] - x[self.i] for x in u.T]).T  # the bonds last in memory, as of their vectors
 
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sums `C^T pull` over the bonds: `pull`, shape (bonds, dim), acts on the far ends, and its negative on the near ones."""
-        if not (passes := compiled(self.particles)):
-            far, near = (np.array([np.bincount(end, x, self.particles) for x in pull.T], float) for end in (self.j, self.i))
-            return (far - near).T
-        passes.sums(np.ascontiguousarray(pull.T), self.i, self.j, both := np.zeros((2, self.particles, pull.shape[1])))
-        return both[1] - both[0]
+        far, near = (np.array([np.bincount(end, x, self.particles) for x in pull.T], float) for end in (self.j, self.i))
+        return (far - near).T
 
     @cached_property
     def incidence(self) -> sparse.csr_array:
