@@ -17,9 +17,9 @@ CORE = {
     '': 'errors units results files traits',
     'interactions': 'law_cards pair_laws bond_laws',
     'lattices': 'bonds',
-    'stiffness': 'matrices sites plausibility restartable supercells repulsion calculator rest',
+    'stiffness': 'matrices sites plausibility supercells repulsion calculator rest',
     'bands': 'bloch bands force_constants',
-    'dynamics': 'drives cages memory_layout bond_increments splittings compiled engine verlet',
+    'dynamics': 'drives cages memory_layout bond_increments splittings engine verlet',
 }
 """The core shelf: Eq. 3, the calculator, bands by both roads and time steps.  Who has read it needs nothing else for these."""
 FILES = sorted(file for file in PACKAGE.rglob('*.py') if file.parent != PACKAGE or not file.name.startswith('__'))

@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
@@ -31,16 +31,18 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ..bands.bloch import branch_names
-from ..interactions.pair_laws import PairLaw
 from ..lattices.bonds import SHELL_WIDTH
 from ..stiffness.matrices import Model, hermitian_eigenvalues, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import Foundation, each_spring
 from ..traits import takes
-from ..waves.ridge_tables import RidgePoints
 from ..waves.wave_analysis import LOBE_bins, stationary_waves
 from .least_squares import FITS, MOST_FACTOR, Before, ParameterFit
-from .sensitivities import LawDerivative, StiffnessDerivative
+
+if TYPE_CHECKING:
+    from ..interactions.pair_laws import PairLaw
+    from ..waves.ridge_tables import RidgePoints
+    from .sensitivities import LawDerivative, StiffnessDerivative
 
 Build = Callable[[dict[str, float]], tuple[Any, ...]]
 FOLLOWS = 1.5

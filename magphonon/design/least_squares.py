@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr  # scipy.stats has it too, and takes most of a second to import
 
-from ..stiffness.matrices import Model
+if TYPE_CHECKING:
+    from ..stiffness.matrices import Model
 
 NORMAL = 1.96
 """Half width of a 95 % interval in standard deviations of a normal distribution."""

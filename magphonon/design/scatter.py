@@ -22,21 +22,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from ase import Atoms
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from ..interactions.pair_laws import PairInteraction
 from ..lattices.bonds import Bonds, lengths_of
 from ..response.normal_modes import Modes, modes
-from ..stiffness.defects import Scatter
 from ..stiffness.factors import inverse
 from ..stiffness.matrices import Model, hessian, model_stiffness, stiffness_change
 from ..stiffness.rest import LinearSystem
 from ..traits import LIKE, takes
+
+if TYPE_CHECKING:
+    from ..interactions.pair_laws import PairInteraction
+    from ..stiffness.defects import Scatter
 
 REGULAR = 1e-12
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""

@@ -643,10 +643,6 @@ class Verification:
     alone: dict[str, NDArray[np.float64]]
     without: dict[str, NDArray[np.float64]]
 
-    def share_above(self, level: float) -> float:
-        """Share of the copies all of whose targets lie above a level."""
-        return float((_weakest(self.values) > level).mean())
-
     def reached(self, percent: float = 80.0) -> float:
         """Value that the worst target reaches in this percentage of the copies; -inf if so many do not hold."""
         return _reached(self.values, percent)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,12 +25,14 @@ from scipy.optimize import least_squares
 from ..errors import Unstable
 from ..response.frf import Dof, base_force, resolvents
 from ..response.normal_modes import refuse_unstable
-from ..response.transfer_functions import TransferFunction
-from ..stiffness.matrices import Model
-from ..stiffness.rest import LinearSystem
 from ..traits import LIKE, takes
 from .least_squares import MOST_FACTOR, Before, ParameterFit
 from .sensitivities import StiffnessDerivative, hessian_changes
+
+if TYPE_CHECKING:
+    from ..response.transfer_functions import TransferFunction
+    from ..stiffness.matrices import Model
+    from ..stiffness.rest import LinearSystem
 
 WIDEST = 9.0
 """A fit from distant parameters first widens the peaks of data and lattice by 1/WIDEST of the measured range, because they must

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
@@ -23,13 +23,15 @@ from numpy.typing import ArrayLike
 
 from ..errors import Unstable, finite, positive, whole
 from ..response.frf import Dof
-from ..response.transfer_functions import TransferFunction
-from ..stiffness.matrices import Model
 from .least_squares import Before
 from .objectives import Objective, soft_minimum, targets_of
 from .scatter import Rest, Slope, form, site_slopes
 from .site_designs import COMMON, Errors, Parts, Structure
 from .site_unknowns import ManyUnknowns, Place
+
+if TYPE_CHECKING:
+    from ..response.transfer_functions import TransferFunction
+    from ..stiffness.matrices import Model
 
 DAMPING = 0.4  # standard deviation of the logarithm of the damping rate, which nobody knows well
 SCAN = np.linspace(-3, 3, 25)  # deviations of the batch's force, in standard deviations, from which a search may start

@@ -534,19 +534,6 @@ class Blocks:
         e = sum((2 * x + complete * dx) * dx for x, dx in zip(R.T, du.T, strict=True)) / self.calc.bonds.lengths**2
         return abs(e).max()
 
-    def adopt(self, old: Blocks) -> None:
-        """Take over the state of other blocks on the same particles, to more digits than the positions have.
-
-        Particles keep their momenta.  If the other blocks have another reference, their displacements do not apply, and the state
-        of the atoms is used.
-        """
-        mine, other = self.calc.reference, old.calc.reference
-        if not (np.array_equal(mine.positions, other.positions) and np.array_equal(mine.cell.array, other.cell.array)
-                and np.array_equal(mine.pbc, other.pbc)):
-            return
-        self._take(old.displacements, old.velocities * (old._masses / self._masses)[:, None], old._anchors)
-        self.write()
-
 
 def largest(x: NDArray[Any]) -> float:
     """The largest absolute value; NaN if one is NaN."""

@@ -27,10 +27,12 @@ from typing import NamedTuple
 from warnings import warn
 
 import numpy as np
-from numba import njit, types
+from numba import config, njit, types
 from numba.core.options import DefaultOptions
 from numba.extending import intrinsic, overload
 
+if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]  numba sets it from the environment
+    raise ImportError("NUMBA_DISABLE_JIT is set, but long runs and large systems are compiled; unset it, or use engine='ase'")
 COUNTED = {'_nrt': False} if hasattr(DefaultOptions, '_nrt') else {}
 """An internal option of numba that switches off reference counts of arrays, which take longer than a short run of slots."""
 OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}, 'nogil': True, 'no_cfunc_wrapper': True, **COUNTED}
@@ -71,12 +73,6 @@ def written_out(text, name, **names):
     """The function `name` of a text, which is written out for what is known from types, such as a number of terms."""
     exec(text, names)  # noqa: S102  of nothing but numbers of terms
     return names[name]
-
-
-@kept
-def smallest(x):
-    """The smallest kernel, by which it is tried whether kernels can be compiled."""
-    return x
 
 
 # --- the steps -----------------------------------------------------------------------------------------------------------
@@ -188,26 +184,35 @@ def over_slots(*lines):
     return ['for i in range(lo, hi):', *(f'    {line}' for line in lines)]
 
 
+def bond_by_bond(axes, grid, here, on_site, pulls):
+    """The lines of text that keep the forces of bonds in h: of each column on a grid; else their sum, with that of the site."""
+    named, computed = pulls
+    start = [] if grid else over_slots(here, *on_site, *(f'h[zero, {x}, i - base] = f{x}' for x in axes))
+    named = named + [f'h{x} = h[{"n" if grid else "zero"}, {x}]' for x in axes]
+    column = named + over_slots(here, *computed, *(f'h{x}[i - base] {"-" * (not grid)}= p{x}' for x in axes))
+    end = ['if not own:', '    return top > bits(reach)'] * grid
+    return [*start, 'for n in range(len(near)):', *(f'    {line}' for line in column), *end]
+
+
+def summed(axes, columns, on_site):
+    """The lines of text that sum the forces on a slot: on a grid each column leads to it and away from it."""
+    if not columns:
+        return [f'f{x} = h[zero, {x}, i - base]' for x in axes]
+    kept_at = 'h[{0}, {1}, i - base - near[{0}]] - h[{0}, {1}, i - base]'.format
+    return on_site + [f'f{x} += {kept_at(n, x)}' for n in range(columns) for x in axes]
+
+
 @overload(piece, jit_options=FAST)
 def _piece(u, w, v, h, bonds, c, columns, terms, sites, row, keep, kick, drift, reach, lo, hi, base, own):
     axes, grid, loaded, turns = range(len(u)), len(columns) > 0, there(sites.types[1]), there(sites.types[4])
     here = '; '.join(f'x{x} = u{x}[i]' for x in axes)
-    on_site, forces = [f'f{x} = {f"l[{x}, i] " * loaded}-k[{x}, i] * x{x}' for x in axes], []
-    named, pulls = bond(axes, bonds.types, c, len(terms))
-    if not grid:
-        forces = over_slots(here, *on_site, *(f'h[zero, {x}, i - base] = f{x}' for x in axes))
-        on_site = [f'f{x} = h[zero, {x}, i - base]' for x in axes]
-    pulls = named + [f'h{x} = h[{"n" if grid else "zero"}, {x}]' for x in axes] + over_slots(
-        here, *pulls, *(f'h{x}[i - base] {"-" * (not grid)}= p{x}' for x in axes))
-    forces += ['for n in range(len(near)):', *(f'    {line}' for line in pulls)]
-    forces += ['if not own:', '    return top > bits(reach)'] * grid
-    kept_at = 'h[{0}, {1}, i - base - near[{0}]] - h[{0}, {1}, i - base]'.format
-    sums = [f'f{x} += {kept_at(n, x)}' for n in range(len(columns)) for x in axes]
+    on_site = [f'f{x} = {f"l[{x}, i] " * loaded}-k[{x}, i] * x{x}' for x in axes]
     names = ['near = bonds.near', 'k, l, C, P, T = sites', *(f'{y}{x} = {y}[{x}]' for y in 'uwv' for x in axes),
              'zero = lo - lo', 'none = drift - drift', 'top = bits(none)']
+    forces = bond_by_bond(axes, grid, here, on_site, bond(axes, bonds.types, c, len(terms)))
+    moved = over_slots(here, *summed(axes, len(columns), on_site), *kicked(axes, turns))
     arguments = 'u, w, v, h, bonds, c, columns, terms, sites, row, keep, kick, drift, reach, lo, hi, base, own'
-    text = '\n    '.join([f'def piece({arguments}):', 'vectorise()', *names, *forces,
-                          *over_slots(here, *on_site, *sums, *kicked(axes, turns)), 'return top > bits(reach)'])
+    text = '\n    '.join([f'def piece({arguments}):', 'vectorise()', *names, *forces, *moved, 'return top > bits(reach)'])
     return written_out(text, 'piece', vectorise=vectorise, bits=bits)
 
 
@@ -232,18 +237,34 @@ def correct(u, w, v, kick, drift, n, pushed, guided, led):
             w[x][led.slots[m]] = led.values[n, m, x]
 
 
+@njit(no_cpython_wrapper=True, **OPTIONS)
+def first_run(runs, part, pad):
+    """The run from which on forces are needed for the runs from part[0] on: bonds come from slots up to `pad` before."""
+    start = part[0]
+    while 0 < start < part[1] and runs[start - 1, 1] + pad > runs[part[0], 0]:
+        start -= 1
+    return start
+
+
+@njit(no_cpython_wrapper=True, **OPTIONS)
+def to_the_front(h, pad, lo, end, base, zero):
+    """Move the last forces before the slot `lo` to the front of h, which begins at `base`; from a gap after `end` come none."""
+    for k in range(h.shape[0]):
+        for x in range(h.shape[1]):
+            for m in range(pad):
+                h[k, x, m] = h[k, x, m + lo - pad - base] if m + lo < end + pad else zero
+    return lo - pad
+
+
 @kept
 def stages(u, w, v, h, bonds, c, columns, terms, sites, flow, reach, runs, part, pad, pushed, guided, led, some, whole):
     """Do the stages from some[0] to some[1] of a block, for the runs from part[0] to part[1]; then `correct` if these are all.
 
     Returns whether an increment was beyond the reach of the law.  Stages of even numbers leave displacements in w, others in u.
     """
-    beyond = False
+    beyond, start = False, first_run(runs, part, pad)
     if some[0] % 2:
         u, w = w, u
-    start = part[0]
-    while 0 < start < part[1] and runs[start - 1, 1] + pad > runs[part[0], 0]:  # bonds that come from slots before
-        start -= 1
     for n in range(some[0], some[1]):
         keep, kick, drift = flow[n, 0], flow[n, 1], flow[n, 2]
         row = np.uint64((n > 0) + (n == len(flow) - 1))
@@ -251,12 +272,8 @@ def stages(u, w, v, h, bonds, c, columns, terms, sites, flow, reach, runs, part,
         h[:, :, :pad] = reach - reach
         for p in range(start, part[1]):
             lo, hi = runs[p, 0], runs[p, 1]
-            if lo > end or hi - base > h.shape[2]:  # the last forces move to the front; from a gap come none
-                for k in range(len(h)):
-                    for x in range(len(u)):
-                        for m in range(pad):
-                            h[k, x, m] = h[k, x, m + lo - pad - base] if m + lo < end + pad else reach - reach
-                base = lo - pad
+            if lo > end or hi - base > h.shape[2]:
+                base = to_the_front(h, pad, lo, end, base, reach - reach)
             end = hi
             own = p >= part[0]
             beyond |= piece(u, w, v, h, bonds, c, columns, terms, sites, row, keep, kick, drift, reach, lo, hi, base, own)

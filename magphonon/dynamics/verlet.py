@@ -40,7 +40,6 @@ from ..stiffness.repulsion import masses_of
 from ..stiffness.rest import LinearSystem, freedom
 from ..traits import LINEAR, takes
 from .cages import HARMLESS, Cages, Diverged
-from .compiled import can_compile
 from .drives import check_drives, forces_and_walls
 from .engine import (
     Blocks,
@@ -154,8 +153,6 @@ class DrivenVerlet(VelocityVerlet):
         check_drives(self._drives, atoms)
         refuse_order(atoms, self.splitting)
         self.engine = _engine_for(atoms, engine)
-        if engine == 'compiled' and not can_compile():
-            raise ImportError("engine='compiled' needs numba, which cannot be used here; use engine='ase'")
         self.allow_unstable = allow_unstable
         super().__init__(atoms, positive('timestep', timestep, 'ms'), loginterval=loginterval, **kwargs)
         self._omega = self._refuse_steps()
@@ -410,7 +407,7 @@ class DrivenVerlet(VelocityVerlet):
     def _repays(self, steps):
         """Whether a run of so many steps, of the present order, is worth loading compiled code, or that is loaded already."""
         work = (len(self.atoms) + BESIDE) * steps * self.splitting.stages
-        return self._blocks is not None or (work >= COMPILING_PAYS and can_compile())
+        return self._blocks is not None or work >= COMPILING_PAYS
 
     def _prepare(self, steps):
         """If any setting has changed, choose the order and engine of a run of `steps`, and refuse an unstable step."""
@@ -433,7 +430,10 @@ class DrivenVerlet(VelocityVerlet):
 
     def _begin(self, rough):
         """Make the blocks of compiled steps, or the cages that ASE's loop looks at; walls go to where they are now."""
-        blocks = self._new_blocks(rough) if self.engine != 'ase' else None
+        blocks = None
+        if self.engine != 'ase':
+            blocks = Blocks(self.atoms, self.dt, self._drives, self.damping, self.splitting, self.threads)
+            blocks.use(rough)
         self._cages = Cages(self.atoms) if blocks is None and isinstance(self.atoms.calc, PairCalculator) else None
         self._blocks, self._good = blocks, None
         if self._walls:
@@ -453,14 +453,6 @@ class DrivenVerlet(VelocityVerlet):
             raise ValueError(f'the time step was {dt:g} ms for {self.nsteps} steps and is {self.dt:g} ms now, which would '
                              'change the time of drives and records; set it back, or continue with a new '
                              'DrivenVerlet(atoms, ...), whose time begins at zero')
-
-    def _new_blocks(self, rough):
-        """Blocks with the present setting, which take over the digits of those before."""
-        blocks = Blocks(self.atoms, self.dt, self._drives, self.damping, self.splitting, self.threads)
-        blocks.use(rough)
-        if self._blocks is not None and self._blocks.current:
-            blocks.adopt(self._blocks)
-        return blocks
 
     def _place_walls(self):
         """Move the walls to where they are at the present time, from their places at rest."""

@@ -201,9 +201,9 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     --------
     >>> import numpy as np
     >>> from magphonon import InversePower
-    >>> from magphonon.interactions import SharedErrors, fit_forces
-    >>> from magphonon.interactions.force_tables import synthetic_forces
-    >>> forces = synthetic_forces(InversePower(2000.0, 4.0), np.linspace(8, 15, 8), sigma=1e-3, seed=0)
+    >>> from magphonon.interactions import Forces, SharedErrors, fit_forces, repulsion
+    >>> r, noise = np.linspace(8, 15, 8), np.random.default_rng(0).normal(scale=1e-3, size=8)
+    >>> forces = Forces(r, repulsion(InversePower(2000.0, 4.0), r) + noise, np.full(8, 1e-3))
     >>> fit = fit_forces(forces, 10.0, SharedErrors(distance=0.05))
     >>> bool(abs(fit.exponent - 4) < fit.half_widths[2])
     True

@@ -29,7 +29,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -37,7 +36,6 @@ from numpy.typing import NDArray
 from scipy import fft, sparse
 from tqdm import tqdm
 
-from ..dynamics.compiled import can_compile
 from ..stiffness.lowest import lowest_mode
 from ..stiffness.matrices import signed_root
 
@@ -125,7 +123,7 @@ class Matrix:
 def products_of(system: LinearSystem) -> Matrix | Stencil:
     """Products with K of a structure: by a stencil if its bonds lie on a grid, and it is large or a stencil is already loaded."""
     loaded = f'{__package__}.stencil' in sys.modules
-    if (loaded or system.directions >= LARGE) and find_spec('numba') is not None and can_compile():
+    if loaded or system.directions >= LARGE:
         from .stencil import stencil_of
 
         if (stencil := stencil_of(system)) is not None:

@@ -114,7 +114,7 @@ Angles = Annotated[tuple[Angle, ...], listed]
 class Table(BaseModel):
     """One table of a scene: only its fields are allowed as keys, and it is read-only."""
 
-    model_config = ConfigDict(extra='forbid', frozen=True)
+    model_config = ConfigDict(extra='forbid', frozen=True, defer_build=True)
 
     @model_validator(mode='wrap')
     @classmethod

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,9 +25,11 @@ from scipy.linalg import eigh
 
 from ..errors import Diverged, one_of
 from ..interactions.bond_laws import Law, Laws, laid, laws_along
-from ..interactions.pair_laws import PairInteraction, PairLaw
 from ..lattices.bonds import Bonds, lengths_of
 from .sites import Foundation, each_spring
+
+if TYPE_CHECKING:
+    from ..interactions.pair_laws import PairInteraction, PairLaw
 
 Model = Literal['complete', 'conventional']
 MODELS: tuple[Model, ...] = ('complete', 'conventional')

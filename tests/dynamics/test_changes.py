@@ -206,19 +206,6 @@ def test_a_recorder_sees_what_an_observer_before_it_has_changed(way):
     np.testing.assert_allclose(*found, rtol=0, atol=EXACT)
 
 
-def test_displacements_keep_their_digits_where_the_reference_stays():
-    # 1e-12 mm in positions of 30 mm would be read with two digits
-    moved = Moved(np.random.default_rng(3), 'compiled')
-    moved.atoms.set_momenta(1e-12 * moved.atoms.get_momenta())
-    moved.v *= 1e-12
-    moved.dyn.run(STEPS)
-    before = moved.dyn.displacements
-    for change in (guided, heavier, stiffer, damped, slower, released):
-        change(moved, np.random.default_rng(3))
-    moved.dyn.run(0)
-    assert np.array_equal(moved.dyn.displacements, before)
-
-
 @pytest.mark.parametrize('engine', ['auto', 'ase', 'compiled'])
 @pytest.mark.parametrize('allow_unstable', [False, True])
 @pytest.mark.parametrize('change', [lambda atoms: setattr(atoms, 'pbc', False), lambda atoms: setattr(atoms, 'pbc', (1, 0, 0)),

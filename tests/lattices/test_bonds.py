@@ -97,20 +97,6 @@ def test_repeated_bonds_are_those_of_the_supercell(name):
     np.testing.assert_allclose(ends - supercell.positions[repeated.i], repeated.vectors, atol=1e-12)
 
 
-def test_repeated_bonds_in_phonopys_order_and_in_other_shapes():
-    from phonopy.structure.atoms import PhonopyAtoms
-    from phonopy.structure.cells import get_supercell
-
-    atoms = lattice('kagome')
-    cell = PhonopyAtoms(symbols=['Nd'] * 3, cell=atoms.cell.array, positions=atoms.positions)
-    for matrix in (np.diag([2, 3, 1]), [[2, 1, 0], [-1, 2, 0], [0, 0, 1]]):
-        other = get_supercell(cell, matrix)
-        supercell = Atoms(['Nd'] * len(other), positions=other.positions, cell=other.cell, pbc=atoms.pbc)
-        repeated = repeat_bonds(find_bonds(atoms), atoms, supercell)
-        assert as_set(repeated) == as_set(find_bonds(supercell))
-        assert (repeated.coordination == 4).all()
-
-
 def test_repeated_bonds_may_be_listed_ones():
     # every other bond of a chain of two: a dimer lattice, which no cutoff finds
     atoms = lattice('chain').repeat((2, 1, 1))
