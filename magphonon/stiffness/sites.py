@@ -21,16 +21,41 @@ if TYPE_CHECKING:
     from ..lattices.bonds import Bonds
     from .repulsion import Repulsion
 
+RAYLEIGH, HEAVY = 33 / 140, 5.0
+"""Share of the mass m of a cantilever that moves with its tip while it bends as under a static force, and 3 m omega^2/k above
+which this is off by more than a percent of the stiffness."""
 Foundation = float | NDArray[np.float64]
 """Stiffness of the springs in N/mm: one number, or shape (particles, dim)."""
 OUT_OF_PLANE = 0.1  # largest displacement of a finite difference, in shortest bonds; one beyond is refused out of the plane
 ROUND_OFF = 1e-12  # fraction of the largest momentum below which a momentum along z is round-off of a direction in the plane
+LIGHT = 1e-3  # 3 m omega^2/k of a cantilever below which Rayleigh's mass is exact, and other formulas are round-off
 FLAT = 1e-9  # largest spread of z in a plane, as a fraction of the shortest bond; a larger one is no round-off of positions
 
 
 def _by(checked: Callable[[Any, Atoms, int], Any], settable: bool = False, seldom: bool = False) -> dict[str, Any]:
     """How a property is checked, whether `calc.set` changes it, and whether files omit it where it is zero."""
     return {'checked': checked, 'settable': settable, 'seldom': seldom}
+
+
+def cantilever_excess(x: Any) -> tuple[Any, Any]:
+    """By how much the stiffness of a cantilever at its tip, in static ones, exceeds 1 - 33/420 x, and the slope of this by ln x.
+
+    Its mass m makes x = 3 m omega^2/k.  With z^4 = x the stiffness is z^3/3 (1 + cos z cosh z)/(sin z cosh z - cos z sinh z):
+    zero at the resonance of the cantilever alone, x = 12.4, and infinite where its tip is a node, x = 237.7.
+
+    Examples
+    --------
+    >>> from magphonon.stiffness.sites import cantilever_excess
+    >>> [round(float(cantilever_excess(x)[0]), 3) for x in (0.1, 5.0, 12.362)]  # Rayleigh's mass is right, nearly so, and off
+    [-0.0, -0.005, -0.029]
+    """
+    x = np.maximum(x, LIGHT)
+    z = x**0.25
+    c, s, C, S = np.cos(z), np.sin(z), np.cosh(z), np.sinh(z)
+    across = s * C - c * S
+    stiffness = z**3 / 3 * (1 + c * C) / across
+    by_z = 3 * stiffness - x / 3 - 2 * z * stiffness * s * S / across
+    return stiffness - 1 + RAYLEIGH / 3 * x, by_z / 4 + RAYLEIGH / 3 * x
 
 
 @dataclass(frozen=True, eq=False)
