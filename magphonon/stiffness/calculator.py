@@ -246,14 +246,12 @@ class PairCalculator(Repulsion):
     def answers(self, atoms: Atoms, properties: Any) -> dict[str, Any]:
         here = self if same_cell(self, atoms) else self.about(atoms)
         # what stays is allocated before what goes, so that no holes are left in memory
-        forces, energies, at_rest = np.zeros((len(atoms), 3)), np.zeros(len(atoms)), self._energy_at_rest
-        u = here.displacements(atoms)
+        forces, at_rest, u = np.zeros((len(atoms), 3)), self._energy_at_rest, here.displacements(atoms)
         if self.dim == 2:
             refuse_motion_out_of_the_plane(here, atoms)
         energy, gradient = here._repulsion(u)
         forces[:, : self.dim] = here._forces(u, gradient)
-        slack, h = here.slack[:, : self.dim], here.load[:, : self.dim]
-        energies += np.einsum('ix,ix->i', here.foundation * (0.5 * u + slack), u) - (h * u).sum(axis=1)
+        energies = np.einsum('ix,ix->i', 0.5 * here.foundation * u - here.offset, u)
         half = 0.5 * (energy - at_rest)
         for end in (here.bonds.i, here.bonds.j):  # half of the energy that each bond has gained since rest belongs to either end
             energies += np.bincount(end, half, len(u))
@@ -263,7 +261,7 @@ class PairCalculator(Repulsion):
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim), by minimum image in the periodic directions."""
-        return self._minimum_image(from_reference(self, atoms))[:, : self.dim]
+        return np.ascontiguousarray(self._minimum_image(from_reference(self, atoms))[:, : self.dim])
 
     def _minimum_image(self, u):
         if np.einsum('ix,ix->i', u, u).max(initial=0) > self._shortest_period**2 / 4:  # below it u is its own minimum image

@@ -54,7 +54,7 @@ class Central:
     def forces(self, R: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Energy `phi` and its gradient `phi' n`."""
         r = _lengths(R)
-        return self.law.phi(r), (self.law.dphi(r) / r)[:, None] * R
+        return self.law.phi(r), (self.law.dphi(r) / r * R.T).T
 
     def stiffness(self, R: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Eq. 3 of the paper: `D0 = phi'' n(x)n` and `D* = phi'/r (1 - n(x)n)`.
@@ -269,7 +269,8 @@ def _product(a: Any, b: Any) -> Any:
 def _lengths(R):
     """Lengths of vectors, which may be complex; ValueError if a length is zero or infinite."""
     r = np.sqrt(_product(R, R))
-    for k in np.flatnonzero(~((r.real > 0) & (r.real < np.inf)))[:1]:
+    if not (r.real.min(initial=1.0) > 0 and r.real.max(initial=1.0) < np.inf):
+        k = np.argmin((r.real > 0) & (r.real < np.inf))
         raise ValueError(f'bond {k} has the vector {R[k]} mm; a bond joins two particles at a finite distance')
     return r
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..errors import finite, one_of, positive, shown
 from ..interactions.bond_laws import laws_from_dict, laws_of, laws_to_dict
 from ..lattices.bonds import Bonds, vectors_between
+from .matrices import sizes
 from .sites import FLAT, Foundation, Sites, each_spring, gyration_blocks, height
 from .supercells import NEAR, fitted, jumped, refuse_another_order
 
@@ -144,7 +145,12 @@ class Repulsion(Calculator):
     @cached_property
     def near(self) -> float:
         """Displacement in mm beyond which the nearest site may belong to another particle."""
-        return float(NEAR * self.bonds.lengths.min(initial=np.inf))
+        return NEAR * self.bonds.shortest
+
+    @cached_property
+    def bond_sizes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Size of the force of each bond at rest in N, and of its stiffness against stretching in N/mm."""
+        return sizes(self.bonds.vectors[:, : self.dim], self.interaction)
 
     @cached_property
     def supercells(self) -> list[Any]:
@@ -238,7 +244,7 @@ class Repulsion(Calculator):
     @property
     def layer(self) -> bool:
         """Whether the particles of a planar structure may move out of the plane, each on its own support."""
-        flat = height(self.reference, self.bonds) <= FLAT * self.bonds.lengths.min(initial=np.inf)
+        flat = height(self.reference, self.bonds) <= FLAT * self.bonds.shortest
         return self.dim == 3 and not self.reference.pbc.all() and flat
 
     def in_plane(self) -> Any:
