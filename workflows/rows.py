@@ -169,10 +169,7 @@ def pairs(quantity, here, reference, tolerance, of, by='closed form'):
 
 
 def save_picture(figure, path, caption):
-    """Write a figure as PNG for screens and as PDF for print, its caption within; returns the entry for `Outcome.pictures`.
-
-    Each canvas draws once, of a figure that is laid out.
-    """
+    """Write a figure as PNG for screens and as PDF for print, its caption within; returns the entry for `Outcome.pictures`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
 
