@@ -25,7 +25,6 @@ from scipy import linalg, sparse
 from scipy.optimize import minimize
 
 from ..response.transfer_functions import TransferFunction
-from ..stiffness.matrices import sizes
 from ..stiffness.rest import LinearSystem
 from .least_squares import BLIND, FITS, MOST_FACTOR, Before
 from .scatter import Rest
@@ -86,7 +85,7 @@ class Sites:
     def of(cls, system: LinearSystem) -> Sites:
         calc = system.calc
         tied = (np.broadcast_to(calc.foundation, (len(system), system.dim)) > 0) & system.mobile[:, None]
-        acting, stiff = system.mobile.copy(), sizes(calc.bond_vectors, calc.interaction)[1]
+        acting, stiff = system.mobile.copy(), calc.bond_sizes[1]
         for one, other in ((calc.bonds.i, calc.bonds.j), (calc.bonds.j, calc.bonds.i)):
             acting[one[system.mobile[other] & (stiff > FAINT * stiff.max())]] = True
         return cls(acting, tied, float(calc.bonds.lengths.min()))

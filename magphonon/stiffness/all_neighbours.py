@@ -215,7 +215,7 @@ class AllNeighbours(Repulsion):
 
     def bloch_gradient(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
         """The derivative of the Bloch matrix with respect to the wavevector, from differences of fourth order."""
-        h = STEP / self.bonds.lengths.min()
+        h = STEP / self.bonds.shortest
         steps = h / (2 * np.pi) * (self.reference.cell.array.T * self.reference.pbc)[: self.dim]  # one along each axis
         near, far = (np.array([self.bloch_matrix(q + n * k, model) - self.bloch_matrix(q - n * k, model) for k in steps])
                      for n in (1, 2))

@@ -24,7 +24,7 @@ from ..traits import LINEAR, takes
 from ..units import hertz
 from .factors import inverse
 from .lowest import lowest_mode
-from .matrices import BROKEN_BOND, hessian, model_stiffness, signed_root, sizes
+from .matrices import BROKEN_BOND, hessian, model_stiffness, signed_root
 from .repulsion import repulsion_of
 from .rest import LinearSystem, freedom
 
@@ -151,8 +151,8 @@ def enough_foundation(atoms: Atoms) -> tuple[float, float]:
     `STEP`, with which it stays in place.
     """
     calc = repulsion_of(atoms)
-    force, _ = sizes(calc.bond_vectors, calc.interaction)
-    weak = calc.foundation if np.any(calc.foundation) else LEAST * force.max() / calc.bonds.lengths.min()
+    force, _ = calc.bond_sizes
+    weak = calc.foundation if np.any(calc.foundation) else LEAST * force.max() / calc.bonds.shortest
     while True:  # infinitely stiff springs hold every structure
         stiffer = atoms.copy()
         stiffer.calc = calc.about(atoms, foundation=STEP * weak)
@@ -181,8 +181,8 @@ class _Descent:
         self.given, self.atoms = calc, self.calc.reference.copy()
         self.atoms.calc = self.calc
         self.masses = self.P.power(2).T @ np.repeat(atoms.get_masses(), calc.dim)  # guides may be oblique
-        self.length = self.calc.bonds.lengths.min()
-        force, stiffness = sizes(self.calc.bond_vectors, self.calc.interaction)
+        self.length = self.calc.bonds.shortest
+        force, stiffness = self.calc.bond_sizes
         self.force = max(force.max(), SLACK * self.length * stiffness.max())
         if not self.force:
             raise ValueError('no force acts between the particles: at the lengths of all bonds the law has neither force nor '
