@@ -330,14 +330,13 @@ def _doubts_of_responses(found):
 def _responses(found, fixed):
     """What is fitted, and a table of the parameters and the residual with a column for each model."""
     fits, rows = found.fits, _parameters(found)
-    known = ', '.join(['spacing', *fixed])
     before = ', '.join(f'{_with_unit(name)} {value:.4g} +- {sigma:.2g}' for name, (value, sigma) in found.priors.items())
     if any(one.sigma is not None for one in found.functions):
         rows.append(('residual / noise', *(f'{fit.misfit:.4g}' for fit in fits.values())))
     else:
         rows.append(('residual (% of the peak)', *(f'{100 * fit.noise:.3g}' for fit in fits.values())))
     return [f'{len(found.functions)} transfer functions, {sum(len(one.omega) for one in found.functions)} points; '
-            f'known: {known}' + f'; before: {before}' * bool(before) + '.', '', *_table(fits, rows)]
+            f'known: {", ".join(["spacing", *fixed])}' + f'; before: {before}' * bool(before) + '.', '', *_table(fits, rows)]
 
 
 def _of_sites(found):

@@ -343,19 +343,18 @@ class _Problem(ManyUnknowns):
         is left; None if no scatter has more evidence.
         """
         one = self
-        for _ in range(ROUNDS):
+        for more in reversed(range(ROUNDS + 1)):
             place = one.descended(place, MOST, FINE)
             at = one.linear(place)
             factors, determined, gained = scatter_factors(at, place.z, one.sites.kinds, np.log(FIRST / one.scatter))
             if gained < 0:
                 return None
             left = 1.0 if known else float(np.sqrt(at.r @ at.r / (len(at.r) - len(place.x) - determined)))
-            if abs(np.log([*factors, left])).max() < SETTLED:
-                return place, at, one.scatter, one.noise
+            if abs(np.log([*factors, left])).max() < SETTLED or not more:
+                break
             place = place._replace(z=place.z / factors[one.sites.kinds])  # the same sites
             one = replace(one, scatter=one.scatter * factors, noise=one.noise * left)
-        place = one.descended(place, MOST, FINE)
-        return place, one.linear(place), one.scatter, one.noise
+        return place, at, one.scatter, one.noise  # pyright: ignore[reportPossiblyUnbound]  ROUNDS is not zero
 
 
 def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],

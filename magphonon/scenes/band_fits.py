@@ -492,5 +492,5 @@ def _multiplied(table, place, factor):
     if rest:
         value = _multiplied(value, rest, factor)
     else:
-        value = tuple((factor * np.array(value)).tolist()) if isinstance(value, tuple) else factor * value
+        value = tuple((factor * np.array(value)).tolist()) if isinstance(value, tuple) else value and factor * value
     return table.model_copy(update={key: value})

@@ -75,11 +75,6 @@ class FrfFits:
     priors: dict[str, tuple[float, float]]
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """The fitted parameters: those of `BandFits`, the damping, the mass and the gain."""
-        return tuple(name for name in self.better.names if name not in band_fits.UNTOLD)
-
-    @property
     def ratio(self) -> float:
         """Residual without D* divided by that with D*; above 1 the complete model fits the data better."""
         fits = self.fits
@@ -125,9 +120,8 @@ class FrfFits:
         """Value in SI and relative standard uncertainty of each parameter, and of the stiffness of a bond, -df/dr."""
         fit = self.fits[one_of('model', model, MODELS)]
         found = {name: (value_of(self.scene, name) * fit.by_name[name], sigma)
-                 for name, sigma in zip(self.names, fit.sigma.tolist(), strict=False)}
-        law = {name: factor for name, factor in fit.by_name.items() if name != 'mass'}
-        scene = band_fits.with_factors(self.scene, law)  # bends change neither force nor slope at the spacing
+                 for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True) if name not in band_fits.UNTOLD}
+        scene = band_fits.with_factors(self.scene, fit.by_name)  # bends change neither force nor slope at the spacing
         if (slopes := band_fits.bond_powers(scene, fit.names)).any():
             found['bond stiffness'] = value_of(scene, 'bond stiffness'), fit.sigma_along(slopes)
         return found
@@ -204,11 +198,8 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
 
 def _with_sites(fit, *problem):
     """The fit with unknowns of the sites, from where the fit without them ended; if that fails, from the scene."""
-    first = with_site_unknowns(fit, *problem)
-    if first.follows:
-        return first
-    second = with_site_unknowns(replace(fit, factors=np.ones_like(fit.factors)), *problem)
-    return second if second.follows else first
+    found, again = with_site_unknowns(fit, *problem), replace(fit, factors=np.ones_like(fit.factors))
+    return found if found.follows else max(found, with_site_unknowns(again, *problem), key=lambda one: one.follows)
 
 
 def _with_priors(scene, names, priors, fixed=()):
@@ -231,7 +222,7 @@ def missing_magnet(found: FrfFits) -> NDArray[np.float64] | None:
     sites = np.setdiff1d(np.flatnonzero(freedom(atoms)[0]), measured).tolist()
     if scene.single or scene.finite or len(sites) > MOST_SITES:
         return None
-    relative, left = _with_priors(scene, found.names, found.priors)[1], {}
+    relative, left = _with_priors(scene, better.names, found.priors)[1], {}
     places = atoms.calc.reference.positions[:, :2] / u.m
     for k in tqdm(sites, desc='missing magnets', disable=None, leave=False):
         with suppress(PhysicsError):  # nothing holds the others
@@ -387,16 +378,13 @@ def _place(atoms: Atoms, place: NDArray[np.float64] | Dof | None, name: str) -> 
 def _built(scene, model, factors):
     """The `ParametricLattice` of the scene with its parameters multiplied by factors."""
     there, bends = _with(scene, {name: factor for name, factor in factors.items() if name != 'mass'})
-    changes = band_fits.changes_of(there) | bends
     atoms, *_ = there.shaken(model, bench=True)
     atoms.set_masses(atoms.get_masses() * factors.get('mass', 1.0))
-    return ParametricLattice(LinearSystem.of(atoms), there.frf.damping, changes)
+    return ParametricLattice(LinearSystem.of(atoms), there.frf.damping, band_fits.changes_of(there) | bends)
 
 
 def _with(scene, factors):
     """The scene with its parameters multiplied by factors, and what those change by which its law departs from a power."""
-    if scene.lattice.mass_kg is None:  # the masses are those of a file
-        factors = {name: factor for name, factor in factors.items() if name != 'mass'}
     frf = scene.frf.model_copy(update={'damping_per_s': scene.frf.damping_per_s * factors.get('damping', 1.0)})
     there = band_fits.with_factors(scene, factors).model_copy(update={'frf': frf})
     return band_fits.with_bends(there, factors, REACH * scene.lattice.spacing_m * u.m)
