@@ -142,14 +142,13 @@ def drawing(options: Namespace, folder: Path, title: str = '') -> Iterator[Calla
     """
     from matplotlib import rcParams
 
-    from ..plotting.axes import entitle, print_style
+    from ..plotting.axes import entitle, lay_out, print_style
 
     def save(figure, name):
         entitle(figure, title)
         form = rcParams['savefig.format']
         try:
-            figure.get_layout_engine().execute(figure)
-            figure.set_layout_engine(None)  # `savefig` would lay it out again, in a drawing of its own
+            lay_out(figure)
             quick = {'pil_kwargs': {'compress_level': 3}} if form == 'png' else {}  # twice as fast as 6, a tenth larger
             figure.savefig(folder / f'{name}.{form}', **quick)
         except ValueError as error:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from ase import Atoms
 from ase.md.verlet import VelocityVerlet
+from lammps_session import lammps_session
 from numpy.testing import assert_allclose
 
 from magphonon import (
@@ -19,7 +20,6 @@ from magphonon import (
     relaxed,
     verdict,
 )
-from magphonon.dynamics.lammps import lammps_session
 from magphonon.errors import Unstable
 from magphonon.interactions import Overlap
 from magphonon.stability import prestress_reserve
