@@ -140,7 +140,7 @@ CALLS = {  # a function, its right arguments, and wrong values of each
     'phonopy_bands': (mp.phonopy_bands, {'phonon': (phonon, [None, 4.5]), 'path': ('GM', PATH)}),
     'critical_foundation': (mp.critical_foundation, {'atoms': (cell, ATOMS), 'model': (None, CHOICE)}),
     'verdict': (mp.verdict, {'atoms': (cell, ATOMS), 'damping': (0.0, [NAN, -1.0, 'x', INF])}),
-    'relaxed': (mp.relaxed, {'atoms': (patch, ATOMS), 'tolerance': (1e-9, POSITIVE), 'steps': (10, WHOLE)}),
+    'relaxed': (mp.relaxed, {'atoms': (patch, ATOMS), 'steps': (10, WHOLE)}),
     'modes': (mp.modes, {'atoms': (patch, ATOMS), 'count': (3, [NAN, 2.5, -1, 0, 'x', [1]])}),
     'frequency_response': (mp.frequency_response, {
         'atoms': (patch, ATOMS), 'force': (lambda: np.eye(1, 3 * len(patch()), 3 * (len(patch()) // 2)).reshape(-1, 3),

@@ -26,7 +26,7 @@ from tqdm import tqdm
 from .. import units
 from ..errors import Unstable, finite, not_negative, one_of, positive, shown, whole
 from ..files import whole_file
-from ..lattices.bonds import pairs_within
+from ..lattices.bonds import lengths_of, pairs_within
 from ..stability.buckling import common_spring, softest_of
 from ..stiffness.matrices import MODELS, Central, Model, hessian, interaction_along
 from ..stiffness.repulsion import repulsion_of
@@ -248,9 +248,10 @@ class Structure:
         n, atoms, bonds, mobile = len(self.atoms), self.calc.reference.copy(), self.calc.bonds, self.system.mobile
         known = [bonds.i * n + bonds.j, *(a * n + b for a, b, *_ in [pairs_within(atoms, NEAR * self.kept)])]
         atoms.positions[:, : self.shape[1]] += parts.foot + rest.bent
-        i, j, _, r = pairs_within(atoms, NEAR * self.kept)
+        i, j, _, R = pairs_within(atoms, NEAR * self.kept)
         strange = ~np.isin([i * n + j, j * n + i], np.concatenate(known)).any(0) & (mobile[i] | mobile[j])
         if strange.any():
+            r = lengths_of(R)
             k = np.where(strange, r, np.inf).argmin()
             raise ValueError(f'errors bring particles {i[k]} and {j[k]}, which have no bond, to within {r[k]:.3g} mm; the '
                              f'shortest bond is {self.kept:.3g} mm long, so their repulsion would be missed: give the structure '

@@ -235,14 +235,14 @@ def test_nets_that_only_their_tension_holds_relax_and_have_no_stiffness_by_sprin
     kind = 'diluted' if seed else 'honeycomb'
     rng = np.random.default_rng(seed)
     atoms = (lattices.honeycomb if kind == 'honeycomb' else lattices.triangular)(1.0, 1.0).repeat((8, 8, 1))
-    i, j, shift, r = pairs_within(atoms, 1.1)
+    i, j, shift, R = pairs_within(atoms, 1.1)
     kept = rng.permutation(len(i))[: len(i) if kind == 'honeycomb' else round(1.8 * len(atoms))]
     while (loose := np.bincount(np.r_[i[kept], j[kept]], minlength=len(atoms))[[i[kept], j[kept]]].min(axis=0) < 2).any():
         kept = kept[~loose]  # ends that hang down
     held, place = np.unique(np.r_[i[kept], j[kept]], return_inverse=True)
     atoms, ends = atoms[held], place.reshape(2, -1).tolist()
     atoms.set_cell(atoms.cell.array * [[1.1], [1.1], [1.0]], scale_atoms=True)
-    springs = [Spring(1.0, L) for L in (r[kept] * rng.uniform(0.9, 1.1, len(kept))).tolist()]
+    springs = [Spring(1.0, L) for L in (np.linalg.norm(R[kept], axis=1) * rng.uniform(0.9, 1.1, len(kept))).tolist()]
     members = [*zip(*ends, map(tuple, shift[kept].tolist()), springs, strict=True)]
     rest = relaxed(net(atoms, members, dim=2)).atoms
     F, K = oracle(rest, members, np.zeros(3), rest.positions, 2)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from ase import Atoms
 from ase.md.verlet import VelocityVerlet
+from lammps_session import lammps_session
 from numpy.testing import assert_allclose
 
 from magphonon import (
@@ -22,7 +23,6 @@ from magphonon import (
     verdict,
 )
 from magphonon.design import StiffnessDerivative, force_change, frequency_sensitivities
-from magphonon.dynamics.lammps import lammps_session
 from magphonon.errors import Unstable
 from magphonon.interactions import Overlap
 from magphonon.stability import prestress_reserve
