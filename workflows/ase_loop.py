@@ -63,7 +63,7 @@ def resonance(omega_0, damping):
 
 
 def burst(scene, cell, patch, k, compiled, compared):
-    """Rows for burst number k of a scene in a patch, beside its compiled record; `compared(record, wave)` makes those of its ridge."""
+    """Rows for a burst of a scene in a patch, beside its compiled record; `compared(record, wave)` makes those of its ridge."""
     with counted() as calls:
         row = scene.burst.send(k, cell, patch, engine='ase')[1].row
     wave = waves(row, cell, scene.burst.source)[0]
