@@ -380,7 +380,7 @@ class Bonds:
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sums `C^T pull` over the bonds: `pull`, shape (bonds, dim), acts on the far ends, and its negative on the near ones."""
         far, near = (np.array([np.bincount(end, x, self.particles) for x in pull.T], float) for end in (self.j, self.i))
-        return (far - near).T
+        return np.subtract(far.T, near.T, order='C')
 
     @cached_property
     def incidence(self) -> sparse.csr_array:

@@ -50,13 +50,13 @@ def _in_cells(points, n, reach, low, sides, i, j):
 
 def pairs_in_cells(points: NDArray[np.float64], n: int, reach: float) -> tuple[NDArray[np.int_], NDArray[np.int_]] | None:
     """Pairs of one of the first n points and a later one within `reach`, each once; None if most cells would be empty."""
-    low, extent = points.min(axis=0), np.ptp(points, axis=0)
+    low, extent = np.array([(x.min(), np.ptp(x)) for x in points.T]).T
     with np.errstate(all='ignore'):  # of a reach of zero
         sides = np.floor(extent / (WIDER * reach)) + 1
     if not sides.prod() <= EMPTY * (len(points) + EMPTY):
         return None
     order, room = np.argsort(extent), ROOM * len(points)
-    points, low, sides = np.array(points[:, order], order='C'), low[order], sides[order].astype(int)
+    points, low, sides = np.ascontiguousarray(points[:, order]), low[order], sides[order].astype(int)
     while True:
         i, j = np.empty((2, room), int)
         found = _in_cells(points, n, reach, low, sides, i, j)

@@ -22,7 +22,7 @@ from scipy import sparse
 
 from ..errors import Unstable, indices, one_of
 from ..interactions.bond_laws import Laws, checked_laws
-from ..lattices.bonds import Bonds, bonds_of, image_of, lengths_of, repeat_bonds
+from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
 from .matrices import (
     BROKEN_BOND,
     MODELS,
@@ -291,10 +291,8 @@ class PairCalculator(Repulsion):
         bonds = self.bonds
         if (bonds.i == bonds.j).all():
             return np.zeros((bonds.particles, self.dim)), np.zeros((bonds.particles, 1))
-        gradient = self.interaction.forces(self.bond_vectors)[1]
-        strength = lengths_of(gradient)
-        sizes = np.bincount(bonds.i, strength, bonds.particles) + np.bincount(bonds.j, strength, bonds.particles)
-        return bonds.net(gradient), sizes[:, None].astype(float)
+        sizes = sum(np.bincount(end, self.bond_sizes[0], bonds.particles) for end in (bonds.i, bonds.j))
+        return bonds.net(self.interaction.forces(self.bond_vectors)[1]), sizes[:, None]
 
     @cached_property
     def slack(self) -> NDArray[np.float64]:

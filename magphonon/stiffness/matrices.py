@@ -214,11 +214,9 @@ def upper_part(vectors: NDArray[np.float64], law: Law, model: Model = 'complete'
         values, n = np.linalg.eigh(model_stiffness(vectors, acting, model))
         return n * np.maximum(values, 0)[:, None] @ n.swapaxes(1, 2)
     r = _lengths(vectors)
-    along, n = np.maximum(acting.law.d2phi(r), 0), (vectors.T / r).T
+    along, n = np.maximum(acting.law.d2phi(r), 0), vectors.T / r
     across = 0 * r if model == 'conventional' else np.maximum(acting.law.dphi(r) / r, 0)
-    K = np.einsum('b,bx,by->bxy', along - across, n, n)
-    np.einsum('bxx->bx', K)[:] += across[:, None]
-    return K
+    return np.moveaxis((along - across) * n[:, None] * n + across * np.eye(len(n))[..., None], -1, 0)
 
 
 def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64], interaction: PairInteraction,
@@ -356,8 +354,7 @@ def bloch_series(bonds: Bonds, K: NDArray[np.float64],
 
 def own_stiffness(bonds: Bonds, K: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sum of the stiffness of the bonds of each particle, shape (particles, dim, dim)."""
-    ends, each = np.concatenate([bonds.i, bonds.j]), K.reshape(len(K), -1).T
-    sums = [np.bincount(ends, np.append(x, x), bonds.particles) for x in each]
+    sums = [np.bincount(bonds.i, x, bonds.particles) + np.bincount(bonds.j, x, bonds.particles) for x in K.reshape(len(K), -1).T]
     return np.asarray(np.stack(sums, axis=-1).reshape(-1, *K.shape[1:]), float)
 
 

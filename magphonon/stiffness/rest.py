@@ -380,7 +380,7 @@ def static_forces(calc: PairCalculator, push: Any = 0.0) -> NDArray[np.float64]:
     however small.
     """
     (pull, strength), springs = calc.bond_forces, calc.spring_forces
-    total, size = springs - pull, 2 * abs(springs).max(axis=1)[:, None] + strength
+    total, size = springs - pull, 2 * np.maximum.reduce(abs(springs.T))[:, None] + strength
     total[abs(total) <= ROUND_OFF * size] = 0
     for given in (calc.load, push) if np.ndim(push) else (calc.load,):
         if not given.any():
