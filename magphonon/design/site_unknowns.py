@@ -26,7 +26,6 @@ from scipy.optimize import minimize
 
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
-from ..stiffness.matrices import sizes
 from ..stiffness.rest import LinearSystem
 from .least_squares import BLIND, FITS, MOST_FACTOR, Before
 from .scatter import Rest
@@ -90,7 +89,7 @@ class Sites:
         calc, n = system.calc, len(system) * system.dim
         springs = np.broadcast_to(calc.foundation, (len(system), system.dim))
         tied = (springs > 0) & system.mobile[:, None]
-        acting, stiff = system.mobile.copy(), sizes(calc.bond_vectors, calc.interaction)[1]
+        acting, stiff = system.mobile.copy(), calc.bond_sizes[1]
         for one, other in ((calc.bonds.i, calc.bonds.j), (calc.bonds.j, calc.bonds.i)):
             acting[one[system.mobile[other] & (stiff > FAINT * stiff.max())]] = True
         before = len(system) + tied.sum()

@@ -13,9 +13,10 @@ from ase.calculators.calculator import Calculator, all_changes
 from ase.constraints import dict2constraint
 from numpy.typing import NDArray
 
-from ..errors import finite, one_of, positive, shown
+from ..errors import one_of, positive, shown
 from ..interactions.bond_laws import laws_from_dict, laws_of, laws_to_dict
 from ..lattices.bonds import Bonds, vectors_between
+from .matrices import sizes
 from .sites import FLAT, Foundation, Sites, each_spring, gyration_blocks, height
 from .supercells import NEAR, fitted, jumped, refuse_another_order
 
@@ -136,7 +137,9 @@ class Repulsion(Calculator):
     def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
         if atoms is not None and jumped(self, atoms):
             refuse_another_order(self, atoms)
-        super().calculate(atoms, properties, system_changes)
+        if atoms is not None:  # what `super().calculate` does, but constraints, which take longest to copy, are shared
+            self.atoms = Atoms(cell=atoms.cell, pbc=atoms.pbc, constraint=atoms.constraints)
+            self.atoms.arrays = {name: values.copy() for name, values in atoms.arrays.items()}
         calc, atoms = fitted(self, self.atoms)  # of the reference, or of a supercell of it in any order
         self.results = calc.answers(atoms, properties)
         self.seen = self.atoms.positions
@@ -144,7 +147,12 @@ class Repulsion(Calculator):
     @cached_property
     def near(self) -> float:
         """Displacement in mm beyond which the nearest site may belong to another particle."""
-        return float(NEAR * self.bonds.lengths.min(initial=np.inf))
+        return NEAR * self.bonds.shortest
+
+    @cached_property
+    def bond_sizes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Size of the force of each bond at rest in N, and of its stiffness against stretching in N/mm."""
+        return sizes(self.bonds.vectors[:, : self.dim], self.interaction)
 
     @cached_property
     def supercells(self) -> list[Any]:
@@ -238,7 +246,7 @@ class Repulsion(Calculator):
     @property
     def layer(self) -> bool:
         """Whether the particles of a planar structure may move out of the plane, each on its own support."""
-        flat = height(self.reference, self.bonds) <= FLAT * self.bonds.lengths.min(initial=np.inf)
+        flat = height(self.reference, self.bonds) <= FLAT * self.bonds.shortest
         return self.dim == 3 and not self.reference.pbc.all() and flat
 
     def in_plane(self) -> Any:
@@ -320,13 +328,6 @@ def _table(name, given, entries):
     return given
 
 
-def _wholes(name, values, shape, least=-(2**31), most=2**31):
-    found = finite(name, values, shape)
-    if found.size and not (found.min() >= least and found.max() <= most and (found == np.rint(found)).all()):
-        raise ValueError(f'{name} must hold whole numbers from {least} to {most}, not {shown(values)}')
-    return found.astype(int)
-
-
 def _reference_to_dict(atoms):
     """Rest positions, cell, masses, tags and constraints; other arrays are left out."""
     parts = {'numbers': atoms.numbers, 'positions': atoms.positions, 'cell': atoms.cell.array, 'pbc': atoms.pbc,
@@ -336,29 +337,16 @@ def _reference_to_dict(atoms):
 
 def _reference_from_dict(given):
     parts = _table('the entry reference', given, REFERENCE)
-    n = np.size(finite('reference.masses', parts['masses']))
-    atoms = Atoms(numbers=_wholes('reference.numbers', parts['numbers'], (n,), 0, 118),
-                  positions=finite('reference.positions', parts['positions'], (n, 3)),
-                  cell=finite('reference.cell', parts['cell'], (3, 3)), pbc=_wholes('reference.pbc', parts['pbc'], (3,), 0, 1),
-                  masses=finite('reference.masses', parts['masses'], (n,)))
-    if 'tags' in parts:
-        atoms.set_tags(_wholes('reference.tags', parts['tags'], (n,)))
-    if not isinstance(parts['constraints'], list | tuple):
-        raise ValueError(f'reference.constraints must be a list, not {shown(parts["constraints"])}')
     try:
-        constraints = [dict2constraint(constraint) for constraint in parts['constraints']]
-        for constraint in constraints:
-            _wholes('the particles of a constraint', getattr(constraint, 'index', []), None, 0, n - 1)
-    except Exception as error:  # ASE's reader raises errors of all kinds for damaged data
-        raise ValueError('reference.constraints cannot be read; write the calculator again') from error
-    atoms.set_constraint(constraints)
+        atoms = Atoms(**{name: parts[name] for name in REFERENCE if name != 'constraints'}, tags=parts.get('tags'))
+        atoms.set_constraint([dict2constraint(constraint) for constraint in parts['constraints']])
+    except Exception as error:  # ASE raises errors of all kinds for damaged data
+        raise ValueError(f'the entry reference cannot be read ({error}); write the calculator again') from error
     return atoms
 
 
 def _bonds_from_dict(given, reference):
     parts = _table('the entry bonds', given, BONDS)
-    n, last = np.size(finite('bonds.i', parts['i'])), len(reference) - 1
-    i, j = (_wholes(f'bonds.{end}', parts[end], (n,), 0, last) for end in ('i', 'j'))
-    shift = _wholes('bonds.shift', np.reshape(parts['shift'], (0, 3)) if not n else parts['shift'], (n, 3))
-    cutoff = None if parts['cutoff'] is None else positive('bonds.cutoff', parts['cutoff'], 'mm')
-    return Bonds(i, j, shift, vectors_between(reference, i, j, shift), len(reference), cutoff)
+    i, j, shift = (np.asarray(parts[name], int) for name in ('i', 'j', 'shift'))
+    shift = shift.reshape(-1, 3)  # of none the files keep no shape
+    return Bonds(i, j, shift, vectors_between(reference, i, j, shift), len(reference), parts['cutoff'])

@@ -263,9 +263,9 @@ def test_a_pin_on_one_atom_is_no_sum_over_pairs(repeat, share):
     for k, acts in ((1.0, lambda n: n > 2), (1.0, lambda n: n == len(atoms)), (np.nan, lambda n: n > 2)):
         atoms.calc = SumCalculator([lj, Pin(k, at, atoms.positions[at].copy(), acts)])
         with pytest.raises(ValueError, match='is not a sum over pairs'):
-            split(atoms)
+            split(atoms, 6.9)
     atoms.calc = lj  # the control
-    split(atoms)
+    split(atoms, 6.9)
 
 
 def test_potentials_of_matscipy_need_a_cell_around_two_atoms():
