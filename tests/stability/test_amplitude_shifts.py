@@ -10,7 +10,6 @@ from magphonon import InversePower, MagneticRepulsion, lattices
 from magphonon.bands import bloch_modes
 from magphonon.errors import PhysicsError
 from magphonon.interactions import Yukawa
-from magphonon.interactions.pair_laws import higher_derivatives
 from magphonon.stability import frequency_shifts
 
 LAW = InversePower(1.0, 4.0)
@@ -74,16 +73,6 @@ def test_amplitude_shrinks_to_nothing_at_the_threshold():
 
     # the shear stiffness at M goes as a - 3, so dw/w over A^2 as its inverse
     assert amplitude(3.0001) / amplitude(3.01) == pytest.approx(0.1, rel=0.02)
-
-
-@pytest.mark.parametrize('law', [InversePower(2.0, 4.5), Yukawa(3.0, 0.7)])
-def test_higher_derivatives(law):
-    # the complex step of phi'' and differences of it
-    r, h = np.array([1.3, 2.1]), 1e-20
-    third, fourth = higher_derivatives(law, r)
-    exact = [law.d2phi(x + 1j * h).imag / h for x in (r, r + 1e-4, r - 1e-4)]
-    np.testing.assert_allclose(third, exact[0], rtol=1e-10)
-    np.testing.assert_allclose(fourth, (exact[1] - exact[2]) / 2e-4, rtol=1e-6)  # 1e-8 of differences, times (a + 4)^2/6
 
 
 # --- any wavevector ---------------------------------------------------------------------------------------------------------
