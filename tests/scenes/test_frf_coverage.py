@@ -114,21 +114,6 @@ def test_two_springs_are_seen_by_a_fit_of_one(kind, stiff, tmp_path):
 
 
 @pytest.mark.long
-def test_ratios_of_springs_by_fits_of_one(tmp_path, capsys):
-    """Of 20 specimens: how many standard deviations each is off, and is from a ratio of one."""
-    off = []
-    for seed in range(40, 45):
-        for kind in KINDS:
-            fits, true = of_one_spring(tmp_path, kind, seed)
-            ratio, sigma = fits.fits['complete'].unlike
-            off.append((ratio - true) / sigma)
-            with capsys.disabled():
-                print(f'{kind} {seed}: ln(kx/ky) {ratio:.3f} +- {sigma:.3f}, true {true:.3f}: {off[-1]:.1f} sigma off; it is '
-                      f'{abs(ratio) / sigma:.1f} sigma from zero', flush=True)
-    assert np.mean(np.abs(off) < 1.96) >= 0.8
-
-
-@pytest.mark.long
 def test_coverage(tmp_path, capsys):
     """Shares of intervals that hold, of 24 specimens; the control is a lattice of nearest neighbours."""
     found = {}
