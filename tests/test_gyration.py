@@ -194,6 +194,18 @@ def test_gyration_holds_a_hill_from_the_root_of_two_on(g, stable):
     assert system.growth(0.01) > 0  # losses undo it (Kelvin, Tait, Chetaev)
 
 
+@pytest.mark.parametrize(('share', 'stable'), [(0.995, False), (1.005, True)])
+def test_gyration_holds_a_lattice_that_is_all_hill(share, stable):
+    """A force that falls slower than 1/r, no foundation: both eigenvalues at K are 9 (a - 1)/2, and g^2 = 4 |k| holds them."""
+    cell = lattices.triangular(1.0, 1.0)
+    a, g = 0.2, 2 * np.sqrt(9 * 0.8 / 2) * share
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, a), gyration=g)
+    judged = verdict(cell)
+    assert judged.stable is stable
+    assert abs(judged['buckling'].needed - 2 * (3 - a)) < 1e-9
+    assert abs(judged['timestep_limit'] - 2 / (g / 2 + np.sqrt(g**2 / 4 + 2 * (3 - a)))) < 1e-9
+
+
 def bounded(atoms, dt):
     """Whether a run of the free particles stays where it began."""
     run = atoms.copy()
