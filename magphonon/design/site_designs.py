@@ -396,8 +396,6 @@ class SiteDesign:
         The parameters that varied, and their bounds.
     x : ndarray, shape (parameters,)
         The parameters, -1 and 1 at their bounds.
-    model : {'complete', 'conventional'}
-        The model of the waves for which it was designed.
     promised, given : ndarray, shape (targets,)
         Values of the targets without errors, in the model of the design and in the complete model.
     buckled : int
@@ -408,7 +406,6 @@ class SiteDesign:
     targets: tuple[Objective, ...]
     variables: Variables
     x: NDArray[np.float64]
-    model: Model
     promised: NDArray[np.float64]
     given: NDArray[np.float64]
     buckled: int
@@ -495,7 +492,7 @@ def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Map
     chosen = variables.parts(x)
     rests = [variables.structure.rest(chosen, model=one) for one in (model, 'complete')]
     promised, given = (np.array([target.value(rest) for target in targets]) for rest in rests)
-    return SiteDesign(variables.structure.at(rests[1], chosen), targets, variables, x, model, promised, given, task.buckled)
+    return SiteDesign(variables.structure.at(rests[1], chosen), targets, variables, x, promised, given, task.buckled)
 
 
 @dataclass(eq=False)

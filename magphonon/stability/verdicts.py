@@ -381,12 +381,13 @@ def timestep_limit(case: Case) -> Finding:
         highest = max(highest, np.sqrt(max(across.highest, 0.0)))
     if not highest:
         return Finding(np.inf)
+    limit = float(2 / highest)
     losses = SPLITTINGS[2].damped / max(float(np.max(case.damping)), np.finfo(float).tiny)
-    if losses < 2 / highest:
+    if losses < limit:
         return Finding(losses, f'Time steps up to {u.in_words("s", losses / u.s)} are accepted with this damping, and a third of '
-                       f'that is accurate to 0.3 %. Steps up to {u.in_words("s", 2 / highest / u.s)} would still be stable.')
+                       f'that is accurate to 0.3 %. Steps up to {u.in_words("s", limit / u.s)} would still be stable.')
     of = u.in_words('Hz', u.hertz(highest)) + ' without gyration' * (case.gyrating is not None and case.inside.held)
-    return Finding(2 / highest, f'Time steps up to {u.in_words("s", 2 / highest / u.s)} are stable (2/omega_max, with the '
+    return Finding(limit, f'Time steps up to {u.in_words("s", limit / u.s)} are stable (2/omega_max, with the '
                    f'highest frequency of {of}); a tenth of that is accurate.')
 
 

@@ -137,7 +137,9 @@ class Repulsion(Calculator):
     def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
         if atoms is not None and jumped(self, atoms):
             refuse_another_order(self, atoms)
-        super().calculate(atoms, properties, system_changes)
+        if atoms is not None:  # what `super().calculate` does, but constraints, which take longest to copy, are shared
+            self.atoms = Atoms(cell=atoms.cell, pbc=atoms.pbc, constraint=atoms.constraints)
+            self.atoms.arrays = {name: values.copy() for name, values in atoms.arrays.items()}
         calc, atoms = fitted(self, self.atoms)  # of the reference, or of a supercell of it in any order
         self.results = calc.answers(atoms, properties)
         self.seen = self.atoms.positions

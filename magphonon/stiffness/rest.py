@@ -9,6 +9,7 @@ Static forces are the same in all models: the force of a bond at its present len
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -351,6 +352,11 @@ class LinearSystem:
         from .lowest import none_negative, proves_stable  # late: bands need neither
 
         return proves_stable(self) or none_negative(self.K)
+
+    def proved(self, proof: Callable[[], bool]) -> None:
+        """Keep that the structure is `stable`, if that is not known and a cheaper `proof` than those here shows it."""
+        if 'stable' not in vars(self) and proof():
+            vars(self)['stable'] = True
 
     def growth(self, damping: ArrayLike = 0.0) -> float:
         """Rate in 1/ms of the mode that grows fastest, zero if none does; gyration may hold a structure that stiffness does not.
