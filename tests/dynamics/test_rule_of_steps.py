@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 from magphonon import DrivenVerlet, InversePower, lattices, propagate
 from magphonon.dynamics import Diverged, Harmonic, highest_frequency
-from magphonon.dynamics.splittings import SPLITTINGS, StepsTooLong
+from magphonon.dynamics.splittings import StepsTooLong
 from magphonon.stiffness import PairCalculator
 
 
@@ -43,23 +43,18 @@ class Scene:
             self.drives, self.force[particle] = [Harmonic([particle], n, amplitude, self.w)], amplitude * n
 
     def run(self, dt):
-        """Displacements at the end, by steps of `dt` or shorter ones where the run asks for them."""
+        """Displacements at the end, and the steps that the run asks for if those of `dt` are too long."""
         while True:
             atoms, steps = self.atoms.copy(), int(np.ceil(self.T / dt))
             atoms.calc = self.atoms.calc
             atoms.positions[:, :2] += self.u
-            dyn = DrivenVerlet(atoms, self.T / steps, self.drives, self.damping, engine='ase', tolerance=self.tolerance)
+            dyn = DrivenVerlet(atoms, self.T / steps, self.drives, self.damping, 'ase', tolerance=self.tolerance,
+                               allow_unstable=True)
             try:
                 dyn.run(steps)
-                return dyn.displacements
+                return dyn.displacements, dt
             except StepsTooLong as error:
                 dt = error.longest
-
-    def first(self):
-        """The step for waves at rest."""
-        orders = (2,) if np.ptp(self.damping) or self.turns else SPLITTINGS
-        w = self.turns / 2 + np.hypot(self.turns / 2, self.omega)
-        return max(SPLITTINGS[order].longest(w * self.T, self.tolerance) for order in orders) / w
 
     def exact(self):
         """Displacements at the end and the largest one of the run, with own forces."""
@@ -88,9 +83,10 @@ class Scene:
 
     def misfit(self):
         """Error of the run as a fraction of the tolerance; Diverged if particles leave their cages, also in finer steps."""
-        self.run(self.first() / 2)
+        found, dt = self.run(10 / self.omega)
+        self.run(dt / 2)
         exact, largest = self.exact()
-        return abs(self.run(self.first()) - exact).max() / largest / self.tolerance
+        return abs(found - exact).max() / largest / self.tolerance
 
 
 def misfits(seeds):
@@ -111,4 +107,6 @@ def test_the_error_is_within_the_tolerance():
 @pytest.mark.slow
 def test_the_error_of_200_runs_is_within_the_tolerance_unless_they_are_chaotic():
     """Undamped motion by nearly half a spacing, for tens of periods, magnifies errors as no rule of frequencies knows."""
-    assert np.sort(misfits(range(200)))[-3] < 1
+    found = np.sort(misfits(range(200)))
+    assert found[-3] < 1
+    assert np.median(found) > 0.1  # the rule is not so careful that steps become short
