@@ -300,9 +300,7 @@ class DrivenVerlet(VelocityVerlet):
                 if self._blocks is None:
                     self._one_step()
                 else:
-                    intervals = [interval for _, interval, *_ in self.observers]
-                    stops = [self.nsteps + SHOWN, self.max_steps, *(-k for k in intervals if -k > self.nsteps)]
-                    self._advance_to(min(stops + [self.nsteps + k - self.nsteps % k for k in intervals if k > 0]))
+                    self._advance_to(self._next_call())
             except Diverged as error:
                 error.atoms, error.last_good = self.atoms, self.get_time()
                 raise
@@ -312,6 +310,12 @@ class DrivenVerlet(VelocityVerlet):
             yield self.nsteps == self.max_steps
             if left and not all(map(np.array_equal, left, self._state())):
                 self._content = np.ones(4)  # of waves that somebody else has sent, nothing is known
+
+    def _next_call(self):
+        """The step at which an observer, or who iterates, looks at the atoms next."""
+        intervals = [interval for _, interval, *_ in self.observers]
+        stops = [self.nsteps + SHOWN, self.max_steps, *(-k for k in intervals if -k > self.nsteps)]
+        return min(stops + [self.nsteps + k - self.nsteps % k for k in intervals if k > 0])
 
     def _refuse_steps(self):
         """Raise ValueError for an unstable time step; else return a bound of the highest frequency, rad/ms, 0 if unknown."""
