@@ -16,7 +16,7 @@ from scipy import sparse
 from scipy.linalg import expm
 
 from ..interactions.bond_laws import labels, taken
-from ..lattices.bonds import lengths_of, stretches
+from ..lattices.bonds import lengths_of
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import GROWS, hermitian_eigenvalues, own_stiffness, upper_part
 from ..stiffness.rest import LinearSystem, components, freedom, static_forces
@@ -530,12 +530,8 @@ class Blocks:
 
     def _strain(self, u):
         """The largest increment |e| at the displacements u."""
-        found, bonds, complete = 0.0, self.calc.bonds, self.calc.model == 'complete'
-        for some in stretches(len(bonds)):
-            du, R = u[bonds.j[some]] - u[bonds.i[some]], self.calc.bond_vectors[some]
-            e = ((2 * R + complete * du) * du).sum(axis=1) / (R**2).sum(axis=1)
-            found = np.maximum(found, abs(e).max())
-        return found
+        du, R = self.calc.bonds.relative(u), self.calc.bond_vectors
+        return largest(((2 * R + (self.calc.model == 'complete') * du) * du).sum(axis=1) / (R**2).sum(axis=1))
 
 
 def largest(x: NDArray[Any]) -> float:
