@@ -60,7 +60,7 @@ COMPILING_PAYS, BESIDE = 2e6, 1000
 """An evaluation of the forces takes ASE's loop 0.15 us for each particle and for BESIDE more.  COMPILING_PAYS of these take as
 long as loading compiled steps, 0.3 s; the seconds that these take to be compiled, once on a machine, are saved in ten runs."""
 SUMMED = 1e-9  # round-off of the errors of all steps
-HEADROOM = 0.9  # share of a tolerance that steps use up which are told along a run, as strains may still grow
+HEADROOM = 0.6  # share of a tolerance that steps use up which are told along a run, as strains may still grow
 TRUST = 0.65  # share of a tolerance up to which the error is believed that follows from the waves of a run
 BROADER, SUDDEN = 1.3, 0.6
 """A drive of the frequency w errs like waves of BROADER w, or if it is slow, as it begins at once, SUDDEN times the highest."""
