@@ -347,6 +347,7 @@ class DrivenVerlet(VelocityVerlet):
 
     def _order(self):
         """The lowest order whose steps meet the tolerance to the end of the run."""
+        fast = self._repays(self.max_steps - self.nsteps)  # steps are compiled, and take less time than looking at waves
         for known in range(3):  # waves that may all be the fastest, a bound of whose frequency is quickly found
             if known == 1:
                 self._content = self._waves()
@@ -355,7 +356,7 @@ class DrivenVerlet(VelocityVerlet):
                 self._omega = max(fastest(omega**2, self.atoms.calc.turning), self._driven)
             longest = self._longest()
             for order in longest:
-                if self.dt <= longest[order] and (known or order == 2):
+                if self.dt <= longest[order] and (known or order == 2 or fast):
                     return order
         cheapest = min(longest, key=lambda order: SPLITTINGS[order].stages / longest[order])
         raise self._too_long(longest[cheapest])
@@ -367,11 +368,12 @@ class DrivenVerlet(VelocityVerlet):
         if calc.turning or self._walls or self._driven >= self._omega or not all(hasattr(one, 'omega') for one in courses):
             return np.ones(4)
         system, sizes = LinearSystem.about(calc, self.atoms), []
-        moving = np.stack([self._omega * self.displacements, self.velocities])
-        y = system.shapes.T @ (moving * system.masses[:, None]).reshape(2, -1).T
+        free, squares = system.free, np.repeat(system.masses, system.dim)[:, None] * self._omega**2
+        moving = np.stack([self._omega * self.displacements.ravel(), self.velocities.ravel()], axis=1)
         for _ in range(5):
-            sizes.append(abs(system.shapes @ y).max(axis=0, initial=0.0))
-            y = system.K @ y / self._omega**2
+            moving = free @ (free.T @ moving)
+            sizes.append(abs(moving).max(axis=0))
+            moving = system.hessian @ moving / squares
         u, v = np.array(sizes).T
         moves = np.hypot(np.sqrt(u[:4] * u[1:]), v[:4])
         sent = max(BROADER * self._driven / self._omega, SUDDEN) ** (2 * np.arange(4)) * bool(self._drives)
