@@ -65,64 +65,26 @@ def save_arrays(path: str | PathLike[str], arrays: Mapping[str, Any], units: Map
     named in `missing`, NaN means that there is no value.
     """
     refuse_overflow(path, arrays, missing)
-    told = json.dumps({name: {'unit': units[name][0], 'axes': units[name][1:]} for name in arrays})
     with whole_file(path, 'wb') as file:
-        np.savez(file, units=told, **arrays)
+        np.savez(file, units=json.dumps(_told(arrays, units)), **arrays)
 
 
-def saved_arrays(path: str | PathLike[str], kind: str, units: Mapping[str, tuple[str, ...]], missing: Collection[str] = (),
-                 optional: Collection[str] = ()) -> dict[str, Any]:
-    """The arrays of a .npz file that `save_arrays` wrote; those in `optional` may be absent. Errors name the `kind` of file."""
+def _told(names, units):
+    return {name: {'unit': units[name][0], 'axes': [*units[name][1:]]} for name in names}
+
+
+def saved_arrays(path: str | PathLike[str], kind: str, units: Mapping[str, tuple[str, ...]]) -> dict[str, Any]:
+    """The arrays of a file that `save_arrays` wrote; ValueError, with the `kind` of file, if it is cut or has other arrays."""
     try:
         with open(path, 'rb') as file, np.load(file) as data:  # numpy leaves a truncated file that it opened itself open
-            if any(member.compress_type for member in data.zip.infolist()):  # a small file might fill the memory
-                raise ValueError('save() does not compress')
             arrays = dict(data)
-            told = json.loads(str(arrays.pop('units', 'null')))
+        if json.loads(str(arrays.pop('units'))) != _told(arrays, units):
+            raise ValueError('its arrays are others, or in other units')
     except FileNotFoundError:
         raise FileNotFoundError(f'there is no file {path}; compute {kind} and save() them there') from None
     except Exception as error:
-        raise not_saved(path, kind, 'it cannot be read') from error
-    if told is not None and not isinstance(told, dict):
-        raise not_saved(path, kind, 'its units are missing')
-    needed = {*units} - {*optional} | {*(told or ())}
-    for name in sorted(needed - arrays.keys()):
-        raise not_saved(path, kind, f'it lacks the array {name}')
-    arrays = {name: arrays[name] for name in units if name in arrays}
-    for fault in _faults(told, units, arrays, missing):
-        raise not_saved(path, kind, fault)
+        raise ValueError(f'{path} is not a complete file of {kind} ({error}); compute them again and save()') from error
     return arrays
-
-
-def not_saved(path: str | PathLike[str], kind: str, fault: str) -> ValueError:
-    """The error for a file that does not hold results of this `kind`."""
-    return ValueError(f'{path} is not a complete file of {kind} ({fault}); compute them again and save()')
-
-
-def _faults(told, units, arrays, missing):
-    """What is wrong with the arrays of a file, in words; files of earlier versions do not say their units (`told`)."""
-    if told is not None:
-        said = {name: entry.get('unit') if isinstance(entry := told.get(name), dict) else None for name in arrays}
-        yield from (f'the unit of {name} is {units[name][0]!r}, and not {unit!r}' for name, unit in said.items()
-                    if unit != units[name][0])
-    lengths = {}
-    for name, array in arrays.items():
-        unit, *axes = units[name]
-        yield from _faults_of(name, array, unit, axes, name in missing)
-        for axis, length in zip(axes[:axes.index('...') if '...' in axes else None], array.shape, strict=False):
-            first, known = lengths.setdefault(axis, (name, length))
-            if known != length and axis not in ('dim', 'vectors'):  # 2 or 3, in a file of a lattice in the plane
-                yield f'{first} is for {known} {axis}, but {name} for {length}'
-
-
-def _faults_of(name, array, unit, axes, missing):
-    """What is wrong with one array; NaN is not if values may be `missing`."""
-    if unit and array.dtype.kind not in 'iufc':
-        yield f'{name} holds no numbers'
-    if array.dtype.kind in 'fc' and (np.isinf(array) if missing else ~np.isfinite(array)).any():
-        yield f'{name} holds NaN or infinity'
-    if array.ndim != len(axes) and not ('...' in axes and array.ndim >= len(axes) - 1):
-        yield f'{name} has {array.ndim} axes'
 
 
 class Saved(Result):
@@ -157,8 +119,7 @@ class Saved(Result):
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
         """Read a result from the file that `save` wrote."""
-        optional = [field.name for field in fields(cls) if field.default is None]
-        data = saved_arrays(path, cls._kind, cls._units, cls._missing, optional)
+        data = saved_arrays(path, cls._kind, cls._units)
         return cls(**{field.name: _restored(data[field.name], field.type) for field in fields(cls) if field.name in data})
 
 

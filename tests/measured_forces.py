@@ -6,6 +6,7 @@ from importlib.resources import files
 import numpy as np
 
 from magphonon import InversePower
+from magphonon.interactions import Forces, repulsion
 from magphonon.scenes.scene import read_scene, ready_scene
 
 L0, A = 10.0, 4.5824
@@ -17,6 +18,11 @@ SYNTHETIC = files('magphonon.data') / 'synthetic_force.csv'
 @cache
 def rings():
     return read_scene(ready_scene('rings')).law.potential()
+
+
+def synthetic_forces(law, r, sigma, seed):
+    """Forces of a `law` at distances `r` with Gaussian noise `sigma` (N)."""
+    return Forces(r, repulsion(law, r) + np.random.default_rng(seed).normal(scale=sigma, size=len(r)), np.full(len(r), sigma))
 
 
 def write(folder, text):

@@ -17,7 +17,7 @@ CORE = {
     '': 'errors units results files traits',
     'interactions': 'law_cards pair_laws bond_laws',
     'lattices': 'bonds',
-    'stiffness': 'matrices sites plausibility restartable supercells repulsion calculator rest',
+    'stiffness': 'matrices sites plausibility supercells repulsion calculator rest',
     'bands': 'bloch bands force_constants',
     'dynamics': 'drives cages memory_layout bond_increments splittings engine verlet',
 }

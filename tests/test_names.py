@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from motion import patch
 
-import magphonon
 from magphonon import DrivenVerlet, propagate
 from magphonon.bands import Bands
 from magphonon.bands.density import DensityOfStates
@@ -41,8 +40,3 @@ def test_every_record_of_motion_has_the_same_names():
         np.testing.assert_allclose(record.times, [0.0, 0.02, 0.04], rtol=1e-12)
         np.testing.assert_array_equal(record.particles, [12, 13])
         assert record.displacements.shape == (3, 2, 2)
-
-
-def test_a_name_that_never_was_is_refused():
-    with pytest.raises(AttributeError, match='Frontier'):
-        _ = magphonon.stability.Frontier

@@ -1,4 +1,4 @@
-"""Files of arrays say what they hold: the unit and the axes of each; files from before that can still be read."""
+"""Files of arrays say what they hold: the unit and the axes of each."""
 
 import json
 
@@ -65,11 +65,9 @@ def test_every_array_has_a_unit_and_a_name_for_each_axis(kind, prototype, tmp_pa
         if '...' not in axes:  # the same axis is as long in every array
             assert all(lengths.setdefault(axis, length) == length for axis, length in zip(axes, array.shape, strict=True)
                        if axis not in ('dim', 'vectors'))
-    np.savez(tmp_path / 'old.npz', **arrays)  # as it was before units were told
-    for file in ('x.npz', 'old.npz'):
-        again = kind.load(tmp_path / file)
-        assert all(np.array_equal(getattr(again, name), array, equal_nan=array.dtype.kind in 'fc')
-                   for name, array in arrays.items() if hasattr(again, name) and name != 'path')
+    again = kind.load(tmp_path / 'x.npz')
+    assert all(np.array_equal(getattr(again, name), array, equal_nan=array.dtype.kind in 'fc')
+               for name, array in arrays.items() if hasattr(again, name) and name != 'path')
 
 
 @pytest.mark.parametrize('kind', MADE, ids=lambda kind: kind.__name__)
@@ -87,26 +85,31 @@ def test_the_line_names_shape_range_and_unit(prototype):
     assert 'omega=<5 x 2, 0.1668 to 0.9392 rad/ms>' in line  # 2 pi 26.55 Hz and 149.48 Hz
 
 
-@pytest.mark.parametrize('kind', MADE, ids=lambda kind: kind.__name__)
-def test_every_array_that_lacks_is_infinite_or_cut_is_refused(kind, prototype, tmp_path):
-    MADE[kind](prototype).save(tmp_path / 'x.npz')
-    with np.load(tmp_path / 'x.npz') as data:
-        arrays = dict(data)
-    kind.load(tmp_path / 'x.npz')  # the control
-    lengths = [axis for entry in told(tmp_path / 'x.npz')[1].values() for axis in entry['axes']]
-    for name, array in arrays.items():
-        entry = told(tmp_path / 'x.npz')[1].get(name)
-        if entry is None:  # the units
-            continue
-        spoiled = [{other: arrays[other] for other in arrays if other != name}]
-        if array.dtype.kind in 'fc':
-            spoiled.append(arrays | {name: np.full_like(array, np.inf)})
-        if entry['axes'] and entry['axes'][0] not in ('...', 'dim', 'vectors') and lengths.count(entry['axes'][0]) > 1:
-            spoiled.append(arrays | {name: array[1:]})
-        for content in spoiled:
-            np.savez(tmp_path / 'y.npz', **content)
-            with pytest.raises(ValueError, match=r'not a complete file of .* compute them again'):
-                kind.load(tmp_path / 'y.npz')
+def _in_thz(arrays):
+    told = json.loads(str(arrays['units']))
+    told['omega']['unit'] = 'THz'
+    return arrays | {'units': json.dumps(told)}
+
+
+@pytest.mark.parametrize('spoil', [
+    lambda arrays: {name: arrays[name] for name in arrays if name != 'omega'},
+    lambda arrays: {name: arrays[name] for name in arrays if name != 'units'},
+    lambda arrays: arrays | {'units': '{'}, lambda arrays: arrays | {'power': np.zeros(3)}, _in_thz,
+], ids=['an array lacks', 'the units lack', 'units that are no JSON', 'an array more', 'another unit'])
+def test_files_of_other_arrays_are_refused(spoil, prototype, tmp_path):
+    file = tmp_path / 'x.npz'
+    MADE[Bands](prototype).save(file)
+    Bands.load(file)  # the control
+    with pytest.raises(ValueError, match=r'not a complete file of spectra .* compute them again'):
+        Spectrum.load(file)
+    with np.load(file) as data:
+        np.savez(tmp_path / 'y.npz', **spoil(dict(data)))
+    (tmp_path / 'cut.npz').write_bytes(file.read_bytes()[:-100])
+    for name in ('y', 'cut'):
+        with pytest.raises(ValueError, match=r'not a complete file of bands .* compute them again'):
+            Bands.load(tmp_path / f'{name}.npz')
+    with pytest.raises(FileNotFoundError, match=r'there is no file .* compute bands'):
+        Bands.load(tmp_path / 'none.npz')
 
 
 def test_units_are_what_the_numbers_are_in(prototype, paper, tmp_path):

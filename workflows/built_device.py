@@ -34,15 +34,12 @@ class Device:
     damping: float = 4.0  # 1/s
     reach: float = REACH
     rim: float = np.inf  # stiffness of the beams of the rim, in rods
-    waves_in_rods: bool = False  # rods have the stiffness of cantilevers at each frequency, not Rayleigh's mass
+    waves_in_rods: bool = True  # rods have the stiffness of cantilevers at each frequency, not Rayleigh's mass
 
     @classmethod
     def read(cls, path):
         """The device of a build list."""
-        with open(path, encoding='utf-8') as file:
-            if file.readline().strip() != 'x_m,y_m,mass_kg,strength,stiffness_N_per_m,held':
-                raise ValueError(f'{path} is no build list')
-            x, y, m, s, k, held = np.loadtxt(file, delimiter=',').T
+        x, y, m, s, k, held = np.loadtxt(path, delimiter=',', skiprows=1).T
         return cls(np.stack([x, y], axis=1), m, s, k, held > 0.5)
 
     def copy(self, rng, *, force, frequency, strength, spring, foot, batch=0.0, damping=0.0):
@@ -98,17 +95,19 @@ class Device:
         np.linalg.cholesky(K)  # it is stable
         return K, free
 
+    def moving(self, omega):
+        """What the motion at frequencies in rad/s adds to the static stiffness of each coordinate, shape (frequencies, 2 n)."""
+        omega, k = np.reshape(omega, (-1, 1)), np.where(self.held, 1.0, self.k)
+        m = ROD / RAYLEIGH * (k / SPRING) ** 0.5  # as the cross-section of the rod: k goes with its square
+        beside = k * cantilever(3 * m * omega**2 / k) - k + RAYLEIGH * m * omega**2
+        return np.repeat((1j * self.damping * omega - omega**2) * self.m + self.waves_in_rods * ~self.held * beside, 2, axis=1)
+
     def responses(self, hertz):
         """Displacements of both ports in m/N, shape (frequencies, 2 ports, 2 directions), for a force along x at the source."""
-        (K, free), found = self.stiffness(), []
+        K, free = self.stiffness()
         source, *ports = ([np.searchsorted(free, 2 * place + x) for x in (0, 1)] for place in self.places)
-        mass, rods = (np.repeat(one, 2)[free] for one in (self.m, np.where(self.held, 0, self.k)))
-        heavy = ROD / RAYLEIGH * (np.maximum(rods, 1e-9) / SPRING) ** 0.5  # as their cross-section: k goes with its square
-        for omega in 2 * np.pi * np.asarray(hertz):
-            beside = rods * cantilever(3 * heavy * omega**2 / np.maximum(rods, 1e-9)) - rods + RAYLEIGH * heavy * omega**2
-            G = K + np.diag((1j * self.damping * omega - omega**2) * mass + self.waves_in_rods * beside * (rods > 0))
-            found.append(np.linalg.solve(G, np.eye(len(K))[source[0]])[ports])
-        return np.array(found)
+        each = self.moving(2 * np.pi * np.asarray(hertz))[:, free]
+        return np.array([np.linalg.solve(K + np.diag(one), np.eye(len(K))[source[0]])[ports] for one in each])
 
     def decibels(self):
         """How much more energy the wanted port has, at 60 Hz the first and at 80 Hz the second."""

@@ -44,9 +44,10 @@ def main(out):
             if name == 'shear':
                 shear[model] = patch, site, passage
     checks += drawn_branches(cell)
-    checks += ase_loop.burst(scene, cell, 0, shear['complete'][2].row,
+    patch = patches['complete']
+    checks += ase_loop.burst(scene, cell, patch, 0, shear['complete'][2].row,
                              lambda record, wave: compared(record, wave, 'transverse', 'complete', 'shear'))
-    patch, point = scene.patch_atoms(), scene.burst.model_copy(update={'source': 'point'})
+    point = scene.burst.model_copy(update={'source': 'point'})
     checks.append(Check('control: transverse burst from a point: spread of the motion along a front (amplitudes)',
                         spread(patch, cell, *point.send(0, cell, patch), 'transverse'), 0, NEARLY_PLANE,
                         control='a point source'))

@@ -28,7 +28,7 @@ WORDS = {'force': 'force of the batch', 'frequency': 'frequency of the source', 
          'spring': 'stiffness of each rod', 'foot': 'place of each foot'}
 LARGER = {'force': 5.0, 'frequency': 2.0, 'strength': 3.0, 'spring': 4.0, 'foot': 0.3}
 BESIDE = {'rim of beams 256 times as stiff as a rod': {'rim': 256.0}, 'rim 64 times as stiff': {'rim': 64.0},
-          'rods as cantilevers, not with 33/140 of their mass': {'waves_in_rods': True}}
+          'rods as springs with 33/140 of their mass': {'waves_in_rods': False}}
 ERRORS = Errors(force_percent=2, frequency_percent=1, stiffness_percent=1, each_strength_percent=1, each_stiffness_percent=1,
                 each_foot_mm=0.1)
 COPIES, SEED = 100, 1000
@@ -94,6 +94,7 @@ def copies_table(device, steps, out):
 def trim_table(device):
     """Rows: copy, model of the identification, decibels as it was built and once it was trimmed, chi."""
     atoms, rng, rows = read_scene('demultiplexer').atoms(), np.random.default_rng(SEED + 1), []
+    atoms.set_array('rod_masses', ROD * u.kg * np.sqrt(device.k / SPRING))
     source, *ports = device.places
     seen = [Dof(port, along) for port in ports for along in np.eye(3)[:2]]
     for copy in range(1000):

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from magphonon.files import whole_file
+from magphonon.plotting.axes import lay_out
 
 DPI = 220
 """Pixels per inch of the pictures: a column of a journal, 3.4 inches, is 750 pixels wide."""
@@ -168,17 +169,14 @@ def pairs(quantity, here, reference, tolerance, of, by='closed form'):
 
 
 def save_picture(figure, path, caption):
-    """Write a figure as PNG for screens and as PDF for print, its caption within; returns the entry for `Outcome.pictures`.
-
-    Each canvas draws once; `savefig` would draw twice, as it lays the figure out first, which the drawing does by itself.
-    """
+    """Write a figure as PNG for screens and as PDF for print, its caption within; returns the entry for `Outcome.pictures`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
 
     figure.dpi = DPI
+    lay_out(figure)
     with whole_file(path, 'wb') as file:
         FigureCanvasAgg(figure).print_png(file, metadata={'Description': caption}, pil_kwargs={'compress_level': 3})
-    figure.set_layout_engine('none')  # it is laid out: the PDF is the same picture
     with whole_file(path.with_suffix('.pdf'), 'wb') as file:
         FigureCanvasPdf(figure).print_pdf(file, metadata={'Subject': caption, 'CreationDate': None})
     return Picture(path, caption)

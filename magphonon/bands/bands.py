@@ -17,7 +17,7 @@ from ase.dft.kpoints import BandPath, parse_path_string
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite, positive
-from ..results import InHertz, Saved, not_saved, saved_arrays
+from ..results import InHertz, Saved, saved_arrays
 from ..stiffness.matrices import mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem, freedom
 from ..stiffness.sites import each_spring
@@ -127,25 +127,10 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
         """Read bands from the file that `save` wrote."""
-        data = saved_arrays(path, 'bands', UNITS, optional=('vectors', 'decay'))
-        _refuse_shapes(path, data)
+        data = saved_arrays(path, 'bands', UNITS)
         special = dict(zip(map(str, data['names']), data['points'], strict=True))
-        for name in {name for section in parse_path_string(str(data['path'])) for name in section} - special.keys():
-            raise not_saved(path, 'bands', f'the path goes through {name}, whose coordinates are missing')
         return cls(BandPath(Cell(data['cell']), data['kpts'], special, str(data['path'])), data['omega'], data.get('vectors'),
                    data.get('decay'))
-
-
-def _refuse_shapes(path, data):
-    """Raise ValueError if arrays of a file do not fit together."""
-    for name in ('cell', 'kpts', 'points', 'omega'):
-        if data[name].dtype.kind != 'f' or (name != 'omega' and data[name].shape[-1] != 3) or data['cell'].shape != (3, 3):
-            raise not_saved(path, 'bands', f'{name} has the shape {data[name].shape} and the type {data[name].dtype}')
-    modes, decay, shape = data.get('vectors'), data.get('decay'), data['omega'].shape
-    if modes is not None and (modes.shape[:2] != shape or modes.shape[2] * modes.shape[3] < modes.shape[1]):
-        raise not_saved(path, 'bands', f'vectors has the shape {modes.shape}, but omega {shape}')
-    if decay is not None and decay.shape != shape:
-        raise not_saved(path, 'bands', f'decay has the shape {decay.shape}, but omega {shape}')
 
 
 @takes(*LINEAR, 'all neighbours')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
@@ -18,9 +18,11 @@ from tqdm import tqdm
 from ..errors import finite, whole
 from ..stiffness.matrices import Model, companion, eigenvalues_of_two, hermitian_eigenvalues, hessian, lossless_modes, signed_root
 from ..stiffness.plausibility import site_damping
-from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes
+
+if TYPE_CHECKING:
+    from ..stiffness.repulsion import Repulsion
 
 PLANAR = (True, True, False)
 BATCH_BYTES = 2**22

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import permutations, product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase import Atoms
@@ -22,12 +23,14 @@ from numpy.typing import ArrayLike, NDArray
 from .. import units
 from ..errors import whole
 from ..results import InHertz, Saved
-from ..stiffness.matrices import Model
 from ..stiffness.plausibility import asked_frequencies
-from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes
 from .bloch import bloch_modes
+
+if TYPE_CHECKING:
+    from ..stiffness.matrices import Model
+    from ..stiffness.repulsion import Repulsion
 
 POINTS = 400  # number of frequencies where the caller gives none
 STEPS = {1: 1998, 2: 180, 3: 30}

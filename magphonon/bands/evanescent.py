@@ -20,7 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from math import gcd, lcm
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
@@ -29,11 +29,13 @@ from scipy import linalg
 
 from ..errors import finite
 from ..results import InHertz
-from ..stiffness.matrices import Model
 from ..stiffness.plausibility import asked_frequencies, site_damping
 from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import each_spring
 from ..traits import LINEAR, takes
+
+if TYPE_CHECKING:
+    from ..stiffness.matrices import Model
 
 LINK = 1e-11
 """Fraction of the largest coefficient below which a singular value belongs to a link of a chain.  In 150 random cells of up to

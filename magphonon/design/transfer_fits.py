@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,12 +25,14 @@ from scipy.optimize import least_squares
 from ..errors import Unstable
 from ..response.frf import Dof, base_force, resolvents
 from ..response.normal_modes import refuse_unstable
-from ..response.transfer_functions import TransferFunction
-from ..stiffness.matrices import Model
-from ..stiffness.rest import LinearSystem
 from ..traits import LIKE, takes
 from .least_squares import MOST_FACTOR, Before, ParameterFit
 from .sensitivities import StiffnessDerivative, hessian_changes
+
+if TYPE_CHECKING:
+    from ..response.transfer_functions import TransferFunction
+    from ..stiffness.matrices import Model
+    from ..stiffness.rest import LinearSystem
 
 WIDEST = 9.0
 """A fit from distant parameters first widens the peaks of data and lattice by 1/WIDEST of the measured range, because they must
@@ -123,7 +125,7 @@ def solved(built: ParametricLattice, functions: Sequence[TransferFunction], wide
     system, dim = built.system, built.system.dim
     omega, where = np.unique(np.concatenate([one.omega for one in functions]), return_inverse=True)
     where = np.split(where, np.cumsum([len(one.omega) for one in functions])[:-1])
-    ends = [(_place(one).force(len(system)), _push(system, one.drive)) for one in functions]
+    ends = [(one.answer.force(len(system)), _push(system, one.drive)) for one in functions]
     forces = {force.tobytes(): force for both in ends for force in both}
     basis, found = _fields(system, [*forces.values()], omega, built.damping + widened)
     fields, own = dict(zip(forces, found, strict=True)), []
@@ -160,14 +162,10 @@ def _slopes(solved, names, M, stiff, damping, widened):
     of = {name: -(x * (dH @ y.T).T).sum(axis=1) for name, dH in stiff.items()}
     of |= {'damping': -1j * w * damping * weight, 'mass': -inertia * weight}
     if not isinstance(one.drive, Dof):  # shaken: the force goes with the mass, and w^2
-        of['mass'] = of['mass'] + (h - _place(one).direction @ one.drive) / w**2
+        of['mass'] = of['mass'] + (h - one.answer.direction @ one.drive) / w**2
         of = {name: w**2 * slope for name, slope in of.items()}
     of['gain'] = h
     return np.reshape([of[name] for name in names], (len(names), len(w)))
-
-
-def _place(function) -> Dof:
-    return function.answer
 
 
 def _push(system, drive):

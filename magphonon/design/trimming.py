@@ -15,7 +15,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
@@ -23,13 +24,15 @@ from numpy.typing import ArrayLike
 
 from ..errors import Unstable, finite, positive, whole
 from ..response.frf import Dof
-from ..response.transfer_functions import TransferFunction
-from ..stiffness.matrices import Model
 from .least_squares import Before
 from .objectives import Objective, soft_minimum, targets_of
-from .scatter import Rest, Slope, form, site_slopes
+from .scatter import Rest, Slope, site_slopes
 from .site_designs import COMMON, Errors, Parts, Structure
 from .site_unknowns import ManyUnknowns, Place
+
+if TYPE_CHECKING:
+    from ..response.transfer_functions import TransferFunction
+    from ..stiffness.matrices import Model
 
 DAMPING = 0.4  # standard deviation of the logarithm of the damping rate, which nobody knows well
 SCAN = np.linspace(-3, 3, 25)  # deviations of the batch's force, in standard deviations, from which a search may start
@@ -196,8 +199,9 @@ class _Copy(ManyUnknowns):
         (n, dim), gamma = self.structure.shape, self.damping * np.exp(x[0])
         rest = self.structure.rest(self.errors.parts(z, n, dim), self.near, self.near.model)
         return Place(x, z, np.array([(seen * rest.response(force, omega, gamma)).sum()
-                                     for force, seen, omega in self._measured()]), (rest, gamma))
+                                     for force, seen, omega in self._measured]), (rest, gamma))
 
+    @cached_property
     def _measured(self):
         """Unit forces at the source and at the place that is seen, and the frequency, of each response."""
         n, dim = self.structure.shape
@@ -207,11 +211,10 @@ class _Copy(ManyUnknowns):
     def slopes(self, place):
         (rest, gamma), by_damping, by_parts = place.built, [], []
         feet = self.structure.feet * self.errors.parts(place.z, *self.structure.shape).spacing
-        for force, seen, omega in self._measured():
-            x, y = (rest.response(one, omega, gamma)[..., None] for one in (seen, force))
-            inertia = 1j * omega * gamma - omega**2
-            slope = form(rest.frame.bonds, -x, y, inertia)
-            by_damping.append([1j * omega * gamma / inertia * (rest.masses @ slope.masses)])
+        for force, seen, omega in self._measured:
+            x, y = (rest.response(one, omega, gamma) for one in (seen, force))
+            slope = rest.harmonic(x, y, omega, gamma)
+            by_damping.append([1j * gamma / (1j * gamma - omega) * (rest.masses @ slope.masses)])
             by_parts.append(self.errors.slopes(rest, site_slopes(rest, slope), feet))
         return np.array(by_damping), np.array(by_parts)
 

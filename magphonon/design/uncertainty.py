@@ -8,6 +8,7 @@ treated in `magphonon.design.scatter`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase import Atoms
@@ -15,9 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite
 from ..results import Saved
-from ..stiffness.matrices import Model
 from ..traits import LIKE, takes
 from .sensitivities import StiffnessDerivative, frequency_sensitivities
+
+if TYPE_CHECKING:
+    from ..stiffness.matrices import Model
 
 ROUND_OFF = 1e-12
 

@@ -2,7 +2,6 @@ from .cages import Diverged as Diverged
 from .drives import Constant as Constant, Harmonic as Harmonic, PrescribedMotion as PrescribedMotion, ToneBurst as ToneBurst
 from .engine import highest_frequency as highest_frequency, refusal as refusal
 from .lammps import (
-    lammps_session as lammps_session,
     read_lammps_displacements as read_lammps_displacements,
     run_lammps as run_lammps,
     write_lammps_input as write_lammps_input,

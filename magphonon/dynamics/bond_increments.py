@@ -18,15 +18,17 @@ cancels.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from ..interactions.bond_laws import BondLaws, taken
-from ..interactions.pair_laws import PairLaw
-from ..stiffness.matrices import Model
+
+if TYPE_CHECKING:
+    from ..interactions.pair_laws import PairLaw
+    from ..stiffness.matrices import Model
 
 TOLERANCE = 1e-13  # largest error of a fitted slope dH/de, as a fraction of the slope at rest
 RANGES = (1 / 1024, 1 / 64, 1 / 32, 1 / 16, 1 / 8, 3 / 16, 1 / 4, 3 / 8, 1 / 2)

@@ -48,7 +48,7 @@ class Cages:
             self.mobile = freedom(atoms)[0]
         except ValueError:  # a constraint that it does not know
             self.mobile = np.ones(len(atoms), bool)
-        self.nearest, self._hurried = bonds.lengths.min(initial=np.inf), 0
+        self.nearest, self._hurried = bonds.shortest, 0
 
     @cached_property
     def clearance(self) -> float:

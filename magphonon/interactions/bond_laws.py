@@ -109,8 +109,9 @@ def laid(laws: tuple[PairLaw, ...], which: NDArray[np.intp], strength: NDArray[n
          scale: NDArray[np.float64] | None = None) -> PairLaw:
     """`BondLaws` with only the laws that occur; the law itself if all bonds have the same law, the strength 1 and the scale 1."""
     scale = np.ones(len(strength)) if scale is None else scale
-    used, which = np.unique(which, return_inverse=True)
-    laws = tuple(laws[k] for k in used)
+    if len(laws) > 1:
+        used, which = np.unique(which, return_inverse=True)
+        laws = tuple(laws[k] for k in used)
     return laws[0] if len(laws) == 1 and (strength == 1).all() and (scale == 1).all() else BondLaws(laws, which, strength, scale)
 
 

@@ -30,6 +30,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc, stdtrit  # scipy.stats has them too, and takes half a second to import
 
 from .. import units as u
 from ..errors import not_negative, positive
@@ -201,9 +202,9 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     --------
     >>> import numpy as np
     >>> from magphonon import InversePower
-    >>> from magphonon.interactions import SharedErrors, fit_forces
-    >>> from magphonon.interactions.force_tables import synthetic_forces
-    >>> forces = synthetic_forces(InversePower(2000.0, 4.0), np.linspace(8, 15, 8), sigma=1e-3, seed=0)
+    >>> from magphonon.interactions import Forces, SharedErrors, fit_forces, repulsion
+    >>> r, noise = np.linspace(8, 15, 8), np.random.default_rng(0).normal(scale=1e-3, size=8)
+    >>> forces = Forces(r, repulsion(InversePower(2000.0, 4.0), r) + noise, np.full(8, 1e-3))
     >>> fit = fit_forces(forces, 10.0, SharedErrors(distance=0.05))
     >>> bool(abs(fit.exponent - 4) < fit.half_widths[2])
     True
@@ -356,10 +357,8 @@ class _Solution:
     @property
     def covariance(self):
         """Covariance of the parameters; only its part by noise is wider where that is learned from a few rows."""
-        from scipy.stats import t
-
         by_prior = self.C / self.model.prior
-        told, student = by_prior @ by_prior.T, 1.0 if self.known else t.ppf((1 + COVERED) / 2, self.freedom) / NORMAL
+        told, student = by_prior @ by_prior.T, 1.0 if self.known else stdtrit(self.freedom, (1 + COVERED) / 2) / NORMAL
         return told + student**2 * (self.C - told)
 
     @property
@@ -448,8 +447,6 @@ def _averaged(forces, shared, free, shaped):
 
 def _with_pairs(forces, shared, spacing):
     """The shared errors with the scatter from pair to pair, which is estimated from several pairs if it is not given."""
-    from scipy.stats import t
-
     if shared.pair is not None or forces.pairs == 1:
         return shared
     loose = _solved(_Model(forces, replace(shared, pair=ANY_PAIR), LawFamily(spacing)), forces, None)
@@ -457,7 +454,7 @@ def _with_pairs(forces, shared, spacing):
     away = np.eye(n) - 1 / n  # from their mean, which the force at the spacing takes up
     noise = np.trace(away @ loose.C[ZEROS.stop:, ZEROS.stop:] @ away)
     seen = np.sqrt(max(own @ away @ own - noise, 0.1 * own @ away @ own) / (n - 1))
-    return replace(shared, pair=float(max(seen * t.ppf((1 + COVERED) / 2, n - 1) / NORMAL, FINEST)))
+    return replace(shared, pair=float(max(seen * stdtrit(n - 1, (1 + COVERED) / 2) / NORMAL, FINEST)))
 
 
 def _slow(rows, sigma, size):
@@ -475,8 +472,6 @@ def _solved(model, forces, noise, drift=0.0, near=None):
     solution `near` this one saves iterations.
     """
     from scipy.optimize import least_squares
-    from scipy.stats import chi2
-
     y, prior, known = forces.f, model.prior, forces.sigma is not None
     p = np.zeros(len(prior))
     shape, size = forces.sigma if known else np.ones_like(y), 1.0 if known else np.sqrt(np.mean((y - model.rows(p)[0]) ** 2))
@@ -504,7 +499,7 @@ def _solved(model, forces, noise, drift=0.0, near=None):
         C = np.linalg.inv(precision)
         freedom, e = max(len(y) - np.trace(C @ J.T @ J), 1.0), y - model.rows(p)[0]
         scatter = np.sqrt(np.sum(white(e) ** 2) / freedom)
-        if not known or chi2.sf(freedom * scatter**2, freedom) < UNLIKELY:
+        if not known or chdtrc(freedom, freedom * scatter**2) < UNLIKELY:
             size *= scatter
     evidence = -0.5 * (2 * np.log(sigma).sum() + np.log1p(S**2).sum() + 2 * found.cost + np.linalg.slogdet(precision)[1]
                        + 2 * np.log(prior).sum() + (0.0 if known else np.log(freedom)))

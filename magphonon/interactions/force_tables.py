@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,6 @@ from .. import units as u
 from ..errors import finite, not_negative
 from ..quantities import FORCE, LENGTH, TEXT
 from ..tables import read_table
-from .pair_laws import PairLaw, repulsion
 
 COLUMNS = {'r': LENGTH, 'gap': LENGTH, 'stroke': LENGTH, 'f': FORCE, 'sigma': FORCE, 'sigma_r': LENGTH, 'direction': TEXT,
            'pair': TEXT}
@@ -201,9 +199,3 @@ def _fault(table, name, values, unit, allowed, mend):
     lines = ', '.join(f'{values[k]:.6g} {unit} in line {table.lines[k]}' for k in wrong[:MOST_NAMED])
     more = f' and {len(wrong) - MOST_NAMED} more' if len(wrong) > MOST_NAMED else ''
     return f'{table.named(name)} must lie between {allowed[0]:g} and {allowed[1]:g} {unit}, but is {lines}{more}: {mend}'
-
-
-def synthetic_forces(law: PairLaw, r: Any, sigma: float | NDArray[np.float64], seed: int) -> Forces:
-    """Forces of a `law` at distances `r` with Gaussian noise `sigma` (N): a synthetic measurement, to test a fit."""
-    noise = np.random.default_rng(seed).normal(scale=sigma, size=np.shape(r))
-    return Forces(r, repulsion(law, r) + noise, np.broadcast_to(sigma, np.shape(r)))

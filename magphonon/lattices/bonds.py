@@ -12,9 +12,11 @@ show which distances belong to one shell in spite of rounded positions, and wher
 from __future__ import annotations
 
 import operator
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.util import find_spec
 from itertools import product
 from typing import Any
 
@@ -28,10 +30,11 @@ from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 from ..errors import positive, refuse_memory, whole
 
 Pairs = tuple[NDArray[np.int_], NDArray[np.int_], NDArray[Any], NDArray[np.float64]]
-"""Particles i and j, the cell of j and the distance of each pair."""
+"""Particles i and j, the cell of j and the vector of each pair."""
 MOST_PARTICLES = 2**31 - 1
+MANY = 100_000  # number of particles from which on compiled code repays loading it, 0.3 s
 PAIR_bytes, SHIFT_bytes = 80, 250  # at the peak while pairs are found, for each pair and each periodic cell; measured
-PIECE = 2**13  # number of pairs that are looked at together: a dozen arrays of their numbers stay in the second cache
+FEW = 2**13  # number of coordinates that are looked at first
 SHELL_WIDTH = 1e-4
 """Largest relative difference of successive distances that belong to one shell of neighbours.
 
@@ -57,10 +60,11 @@ ON_SHELL = 1e-6  # least relative distance of a cutoff from a shell; finite diff
 
 
 def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
-    """All pairs within `cutoff`, each once, as arrays i, j, shift and distance; particles may be in any periodic cell.
+    """All pairs within `cutoff`, each once, in ascending order of i, j and shift; particles may be in any periodic cell.
 
-    They are found by a k-d tree over the images near the cell.  The neighbour list of ASE 3.29 is not used, because it puts all
-    particles of a flat finite structure into one bin, which needs memory for the square of their number.
+    They are found in the cells of a grid, or by a k-d tree, over the images near the periodic cell.  The neighbour list of ASE
+    3.29 is not used, because it puts all particles of a flat finite structure into one bin, which needs memory for the square of
+    their number.
     """
     _refuse_nowhere(atoms)
     periods = atoms.cell.array[atoms.pbc]
@@ -68,30 +72,55 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
         raise ValueError(f'the structure is periodic along vectors that span no lattice, {periods.tolist()} mm; '
                          'set its cell, or its pbc to False')
     _refuse_many(atoms, periods, cutoff)
+    n, inverse = len(atoms), np.linalg.pinv(periods)
     if not len(periods):
-        # particles of a lattice fill space evenly, where balance and close boxes only take time
-        tree = cKDTree(atoms.positions, balanced_tree=False, compact_nodes=False)
-        i, j = tree.query_pairs(cutoff, output_type='ndarray').T
-        return i, j, np.zeros((len(i), 3), np.int8), distances_between(atoms.positions, i, j)
-    inverse = np.linalg.pinv(periods)
+        i, j = _near(atoms.positions, n, cutoff)
+        i, j = divmod(np.sort(i * n + j), n)
+        shift = np.zeros((len(i), 3), np.int8)
+        return i, j, shift, vectors_between(atoms, i, j, shift)
     home = np.floor(atoms.positions @ inverse).astype(int)
     fraction = atoms.positions @ inverse - home
     points = atoms.positions - home @ periods
 
     # Shift zero and half of the others: the other half would find every pair again, from its other end.
     reach = cutoff * np.linalg.norm(inverse, axis=0)
-    shifts = np.array(list(product(*(range(-k, k + 1) for k in np.floor(reach + 1).astype(int)))), dtype=int)
+    most = np.floor(reach + 1).astype(int)
+    shifts = np.array(list(product(*(range(-k, k + 1) for k in most))), dtype=int)
     shifts = shifts[len(shifts) // 2 :]
     near = [np.flatnonzero(((fraction + s > -reach) & (fraction + s < 1 + reach)).all(axis=1)) for s in shifts]
     particle, cell = np.concatenate(near), np.repeat(shifts, [len(k) for k in near], axis=0)
+    i, image = _near(points[particle] + cell @ periods, n, cutoff)
 
-    images = cKDTree(points[particle] + cell @ periods)
-    found = cKDTree(points).sparse_distance_matrix(images, cutoff, output_type='ndarray')
-    found = found[(found['i'] < found['j']) | (found['j'] >= len(atoms))]
-    i, j = found['i'], particle[found['j']]
-    shift = np.zeros((len(found), 3), dtype=int)
-    shift[:, atoms.pbc] = cell[found['j']] + home[i] - home[j]
-    return i, j, shift, found['v']
+    j, cell = particle[image], cell[image]
+    backwards = i > j
+    cell[backwards] *= -1
+    pair = np.minimum(i, j), np.maximum(i, j)
+    sides = n, n, *(2 * most + 1)  # a number for each pair and cell is sorted ten times as fast as a table with these columns
+    i, j, *cell = np.unravel_index(np.sort(np.ravel_multi_index((*pair, *(cell + most).T), sides)), sides)
+    shift = np.zeros((len(i), 3), int)
+    shift[:, atoms.pbc] = np.transpose(cell) - most + home[i] - home[j]
+    return i, j, shift, vectors_between(atoms, i, j, shift)
+
+
+def compiling_pays(particles: int) -> bool:
+    """Whether numba is loaded, or there are so many particles that loading it pays."""
+    return sys.modules.get('numba') is not None or (particles >= MANY and find_spec('numba') is not None)
+
+
+def _near(images, n, cutoff):
+    """Pairs of one of the first n points and a later one within the cutoff, each once, in any order."""
+    if compiling_pays(n):
+        from .cells import pairs_in_cells
+
+        if found := pairs_in_cells(images, n, cutoff):
+            return found
+    # particles of a lattice fill space evenly, where balance and close boxes only take time
+    tree = cKDTree(images, balanced_tree=False, compact_nodes=False)
+    if len(images) == n:
+        return tree.query_pairs(cutoff, output_type='ndarray').T
+    found = cKDTree(images[:n]).sparse_distance_matrix(tree, cutoff, output_type='ndarray')
+    found = found[found['i'] < found['j']]
+    return found['i'], found['j']
 
 
 def _refuse_nowhere(atoms):
@@ -102,26 +131,13 @@ def _refuse_nowhere(atoms):
 def _refuse_many(atoms, periods, cutoff):
     """Raise ValueError if the pairs would not fit in memory; their number is estimated from the mean density of particles."""
     n, across = len(atoms), np.linalg.svd(periods)[2][len(periods):] if len(periods) else np.eye(3)
-    thick = np.ptp(atoms.positions @ across.T, axis=0)
+    thick = np.array([np.ptp(atoms.positions @ direction) for direction in across])
     thick = thick[thick > 2 * cutoff]
     ball = (1, 2, np.pi, 4 * np.pi / 3)[d := len(periods) + len(thick)] * cutoff**d
     pairs = n**2 / 2 * ball / (np.sqrt(np.linalg.det(periods @ periods.T)) * thick.prod())
     cells = np.prod(2 * cutoff * np.linalg.norm(np.linalg.pinv(periods), axis=0) + 3)
     refuse_memory(f'about {pairs:.2g} pairs of {n} particles within {cutoff:g} mm', PAIR_bytes * pairs + SHIFT_bytes * cells,
                   'take a smaller cutoff or fewer shells')
-
-
-def stretches(count: int) -> list[slice]:
-    """Successive slices of at most PIECE entries that together cover `count` entries."""
-    return [np.s_[k : k + PIECE] for k in range(0, count, PIECE)]
-
-
-def distances_between(points: NDArray[np.float64], i: NDArray[np.int_], j: NDArray[np.int_]) -> NDArray[np.float64]:
-    """Distances of the pairs i, j of points, shape (pairs,)."""
-    found, columns = np.empty(len(i)), np.ascontiguousarray(points.T)
-    for some in stretches(len(i)):
-        found[some] = np.sqrt(sum((x[j[some]] - x[i[some]]) ** 2 for x in columns))
-    return found
 
 
 def vectors_between(atoms: Atoms, i: NDArray[np.int_], j: NDArray[np.int_], shift: NDArray[np.int_]) -> NDArray[np.float64]:
@@ -145,12 +161,11 @@ def lengths_of(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def distances_within(atoms: Atoms, cutoff: float) -> NDArray[np.float64]:
     """Different distances of pairs up to `cutoff` (mm), in ascending order."""
-    return np.unique(pairs_within(atoms, cutoff)[3])
+    return np.unique(lengths_of(pairs_within(atoms, cutoff)[3]))
 
 
-def _in_shells(pairs, both, end):
+def _in_shells(pairs, lengths, both, end):
     """The pairs up to `end`, except those of `both` held particles that are shorter or longer than any with a free particle."""
-    i, j, shift, lengths = pairs
     kept = lengths <= end
     if (held := kept & both).any():
         free = lengths[kept & ~both]
@@ -158,11 +173,17 @@ def _in_shells(pairs, both, end):
         between = lengths[held]
         kept[held] = (between >= (1 - SHELL_WIDTH) * shortest) & (between <= (1 + SHELL_WIDTH) * longest)
     kept = np.flatnonzero(kept)
-    return i[kept], j[kept], shift[kept], lengths[kept]
+    i, j, shift, vectors = pairs
+    return i[kept], j[kept], shift[kept], _some(vectors, kept)
+
+
+def _some(vectors, which):
+    """Some of the vectors, with the pairs last in memory again."""
+    return np.array([x[which] for x in vectors.T]).T
 
 
 def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
-    """All pairs within a number of shells, as arrays i, j, shift and distance, and the distance midway to the next shell."""
+    """All pairs within a number of shells, and the distance midway to the next shell."""
     if len(atoms) < 2 and not atoms.pbc.any():
         raise ValueError(f'a structure of {len(atoms)} particles without periodic images has no bonds; add particles')
     others = np.concatenate([atoms.positions[1:] - atoms.positions[0], atoms.cell.array[atoms.pbc]])
@@ -170,21 +191,21 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
     reach = (1.8 + min(shells, 3) / 2) * lengths_of(others).min()  # the first shells of the common lattices, and the next one
     held = _held(atoms)
     while True:
-        i, j, _, lengths = pairs = pairs_within(atoms, reach)
+        i, j, _, vectors = pairs = pairs_within(atoms, reach)
+        lengths = lengths_of(vectors)
         both = held[i]
         both[both] = held[j[both]]
-        # most lengths are alike: few are left of each stretch
-        distances = np.unique(np.concatenate([np.unique(lengths[some][~both[some]]) for some in stretches(len(i))] or [lengths]))
+        distances = np.unique(lengths[~both])
         gaps = np.diff(distances) / distances[1:]
         last = np.flatnonzero(gaps > SHELL_WIDTH)  # last distance of each shell before another one
         complete = reach >= extent and not atoms.pbc.any()
         if len(last) > shells or (complete and len(last) == shells):
             _refuse_unclear(atoms, distances, gaps, last, shells)
             end = distances[last[shells - 1] : last[shells - 1] + 2].mean()
-            return _in_shells(pairs, both, end), end
+            return _in_shells(pairs, lengths, both, end), end
         if complete:
             if len(last) + 1 == shells:
-                return _in_shells(pairs, both, reach), reach
+                return _in_shells(pairs, lengths, both, reach), reach
             raise ValueError(f'the structure has {len(last) + 1} shells of neighbours, not the {shells} wanted; lower the number')
         reach = 1.5 * reach + 1e-6 * extent  # the second term: if particle 0 coincides with another one, the reach starts at zero
 
@@ -237,7 +258,7 @@ def _last_decimal(atoms: Atoms) -> float:
     """The unit in mm of the last decimal of rounded positions; zero for positions with all digits."""
     numbers = np.concatenate([atoms.positions - atoms.positions[0], atoms.cell.array[atoms.pbc]]).ravel()
     for unit in 10.0 ** -np.array(DECIMALS):
-        parts = (numbers[some] for some in stretches(len(numbers)))  # for most lattices the first part decides
+        parts = numbers[:FEW], numbers  # for most lattices the first decides
         if all((abs(x - unit * np.rint(x / unit)) <= EXACT * np.maximum(abs(x), unit)).all() for x in parts):
             return float(unit)
     return 0.0
@@ -280,7 +301,7 @@ class Bonds:
         if self.particles > MOST_PARTICLES:
             raise ValueError(f'bonds may join at most {MOST_PARTICLES} particles, not {self.particles}: their indices have 32 '
                              'bits')
-        slim = {name: np.asarray(getattr(self, name), np.int32) for name in 'ij'}
+        slim = {name: np.ascontiguousarray(getattr(self, name), np.int32) for name in 'ij'}
         if not np.any(self.shift):
             slim['shift'] = np.broadcast_to(np.zeros(3, int), (len(self.i), 3))
         for name, values in slim.items():
@@ -289,7 +310,7 @@ class Bonds:
     def __len__(self) -> int:
         return len(self.i)
 
-    @property
+    @cached_property
     def lengths(self) -> NDArray[np.float64]:
         """Bond lengths at rest in mm, shape (bonds,)."""
         return lengths_of(self.vectors)
@@ -325,7 +346,7 @@ class Bonds:
 
     def among(self, which: NDArray[Any]) -> Bonds:
         """The bonds selected by an index or a mask."""
-        return Bonds(self.i[which], self.j[which], self.shift[which], self.vectors[which], self.particles, self.cutoff)
+        return Bonds(self.i[which], self.j[which], self.shift[which], _some(self.vectors, which), self.particles, self.cutoff)
 
     def at(self, atoms: Atoms) -> Bonds:
         """The same pairs of particles with the vectors that they have in `atoms`; the particles may be in any periodic image."""
@@ -359,7 +380,7 @@ class Bonds:
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sums `C^T pull` over the bonds: `pull`, shape (bonds, dim), acts on the far ends, and its negative on the near ones."""
         far, near = (np.array([np.bincount(end, x, self.particles) for x in pull.T], float) for end in (self.j, self.i))
-        return (far - near).T
+        return np.subtract(far.T, near.T, order='C')
 
     @cached_property
     def incidence(self) -> sparse.csr_array:
@@ -425,16 +446,15 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
                              f'({_widest_gap(atoms, last):.4g} mm lies in the widest gap)')
         return bonds
     cutoff = positive('cutoff', cutoff, 'mm')
-    i, j, shift, distances = pairs_within(atoms, cutoff * (1 + 2 * ON_SHELL))
-    if not len(distances):
+    bonds = _bonds(atoms, *pairs_within(atoms, cutoff * (1 + 2 * ON_SHELL)), cutoff)
+    if not len(bonds):
         raise ValueError(f'no two particles are within the cutoff of {cutoff:g} mm; increase it, or check the unit of the '
                          'positions')
-    near = distances[np.argmin(abs(distances - cutoff))]
+    near = bonds.lengths[np.argmin(abs(bonds.lengths - cutoff))]
     if abs(near - cutoff) <= ON_SHELL * cutoff:
         raise ValueError(f'the cutoff {cutoff:g} mm falls on a shell of neighbours at {near:.9g} mm; '
                          'move it between two shells, or give shells=')
-    within = distances <= cutoff
-    return _bonds(atoms, i[within], j[within], shift[within], distances[within], cutoff)
+    return bonds if near < cutoff and bonds.longest < cutoff else bonds.among(bonds.lengths < cutoff)
 
 
 def bonds_within(atoms: Atoms, cutoff: float) -> Bonds:
@@ -442,22 +462,17 @@ def bonds_within(atoms: Atoms, cutoff: float) -> Bonds:
     return _bonds(atoms, *pairs_within(atoms, cutoff), cutoff)
 
 
-def _bonds(atoms, i, j, shift, lengths, cutoff):
-    """The pairs in order of their particles, each starting at the particle with the lower index, with their vectors."""
-    _refuse_coincident(i, j, lengths, cutoff)
-    backwards = i > j
-    i, j = np.where(backwards, j, i), np.where(backwards, i, j)
-    shift[backwards] *= -1
-    # the order in which the tree finds them is arbitrary
-    order = np.lexsort((*shift.T[::-1], j, i) if atoms.pbc.any() else (j, i))
-    i, j, shift = i[order], j[order], shift[order]
-    return Bonds(i, j, shift, vectors_between(atoms, i, j, shift), len(atoms), cutoff)
+def _bonds(atoms, i, j, shift, vectors, cutoff):
+    bonds = Bonds(i, j, shift, vectors, len(atoms), cutoff)
+    _refuse_coincident(bonds, cutoff)
+    return bonds
 
 
-def _refuse_coincident(i, j, lengths, scale):
-    if len(lengths) and lengths.min() <= 1e-12 * scale:
-        k = lengths.argmin()
-        raise ValueError(f'particles {i[k]} and {j[k]} coincide; move one of them, or list the bonds explicitly (bonds=)')
+def _refuse_coincident(bonds, scale):
+    if bonds.shortest <= 1e-12 * scale:
+        k = bonds.lengths.argmin()
+        raise ValueError(f'particles {bonds.i[k]} and {bonds.j[k]} coincide; move one of them, or list the bonds explicitly '
+                         '(bonds=)')
 
 
 def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
@@ -490,10 +505,9 @@ def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
     if not listed:
         raise ValueError(f'the list of bonds is empty, {pairs!r}; list at least one pair (i, j)')
     i, j, shift = (np.array(column) for column in zip(*listed, strict=True))
-    vectors = vectors_between(atoms, i, j, shift)
-    lengths = lengths_of(vectors)
-    _refuse_coincident(i, j, lengths, lengths.max())
-    return Bonds(i, j, shift, vectors, n)
+    bonds = Bonds(i, j, shift, vectors_between(atoms, i, j, shift), n)
+    _refuse_coincident(bonds, bonds.longest)
+    return bonds
 
 
 def _bond(pair, n, pbc):

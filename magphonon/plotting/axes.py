@@ -247,6 +247,21 @@ def _fitting(make, width, options):
     return legend
 
 
+def lay_out(figure: FigureBase) -> None:
+    """Place the panels of a figure of the package for good; `savefig` would lay it out again, in a drawing of its own.
+
+    Matplotlib measures all ticks anew for each spine, to make room for those that point outwards.  There are none in the style
+    of the package, whose spines lie on the edges of their axes.
+    """
+    from matplotlib import rcParams
+
+    for ax in figure.axes if rcParams['xtick.direction'] == rcParams['ytick.direction'] == 'in' else ():
+        for side in {'left', 'right', 'top', 'bottom'}.intersection(ax.spines):
+            ax.spines[side].set_in_layout(False)
+    figure.get_layout_engine().execute(figure)
+    figure.set_layout_engine('none')
+
+
 def entitle(figure: FigureBase, title: str) -> None:
     """Write a title above everything else in a figure, unless it is empty."""
     if title and figure.legends:  # which stand where matplotlib would put the title

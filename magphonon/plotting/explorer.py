@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from .. import __version__, units
-from ..bands.bloch import first_zone
 from ..interactions.pair_laws import InversePower
 from ..stiffness.rest import freedom
 from ..traits import Tool, refuse
@@ -35,7 +34,7 @@ that is more."""
 VALUES = 100  # a slider has this number of values or more, about up to twice as many
 POINTS = 201  # wavevectors along the path
 ROUNDED = 1e-9  # relative room for round-off of lengths at the ends of a law
-SCRIPTS = 'bloch', 'border', 'chart', 'motion', 'zone', 'burst', 'burst_view', 'share', 'page'
+SCRIPTS = 'bloch', 'border', 'chart', 'motion', 'burst', 'burst_view', 'share', 'page'
 TAKEN = Tool('the page of a structure', __name__, frozenset({'constraints'}))
 UNITS = {'m': 1.0, 'mm': 1e3, 'µm': 1e6, 'nm': 1e9}  # units of the spacing, by how many of them are a metre
 
@@ -147,7 +146,6 @@ class Explorer:
             'periods': int(np.sum(atoms.pbc)),
             'cell': (atoms.cell.array[:2, :2] / here).tolist(),
             'reciprocal': (self.path.cell.reciprocal().array[:2, :2] * here).tolist(),
-            'zone': self._zone(),
             'positions': (atoms.positions[:, :2] / here).tolist(),
             'masses_kg': (atoms.get_masses() / units.kg).tolist(),
             'bonds': self._bonds(),
@@ -172,13 +170,6 @@ class Explorer:
             return {'kind': 'power', 'force_N': self._force(1.0) / units.N, 'spacing_m': self.spacing / units.m}
         stiffness = [np.column_stack([law.d2phi(scale * r), law.dphi(scale * r) / (scale * r)]) for scale in self.scales]
         return {'kind': 'table', 'stiffness_N_per_m': (np.array(stiffness) / units.N * units.m).tolist()}
-
-    def _zone(self) -> list[list[float]]:
-        """Corners of the first zone in units of 2 pi/spacing; for a chain its two ends."""
-        if not self.atoms.pbc[1]:
-            end = self.path.cell.reciprocal().array[0, :2] * self.spacing / 2
-            return [end.tolist(), (-end).tolist()]
-        return (first_zone(self.atoms.cell) * self.spacing / (2 * np.pi)).tolist()
 
     def _path(self) -> dict[str, Any]:
         sign = upwards(self.path.special_points, self.path.cell)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 WINDOW = 2.4  # half the window on a lattice, in lattice constants
 REACH = 5  # number of cells to each side that fill this window
 FINE = 45  # width of a patch in bond lengths from which its particles are dots
+MANY = 1000  # particles, beyond which they are drawn as pixels
 SIZE = 0.36  # diameter of a particle in lengths of the shortest bond
 FREE: dict[str, Any] = {'facecolors': 'white', 'edgecolors': '0.25'}
 HELD: dict[str, Any] = {'facecolors': '0.6', 'edgecolors': '0.25'}
@@ -158,13 +159,16 @@ def draw_bonds(ax: Axes, atoms: Atoms, cells: ArrayLike = ((0, 0, 0),)) -> None:
 
 
 def draw_particles(ax: Axes, places: ArrayLike, diameter: float, **look: Any) -> EllipseCollection:
-    """Draw circles of a `diameter` in m at positions in m; they keep their size relative to the bonds on every scale."""
+    """Draw circles of a `diameter` in m at positions in m; they keep their size relative to the bonds on every scale.
+
+    Thousands of them are pixels even in a PDF, which would take long to write and to open.
+    """
     from matplotlib.collections import EllipseCollection
 
     places = np.reshape(places, (-1, 2))
     size = np.full(len(places), diameter)
     dots = EllipseCollection(size, size, np.zeros(len(places)), units='xy', offsets=places, offset_transform=ax.transData,
-                             **{'linewidths': 0.5, 'zorder': 2} | look)
+                             **{'linewidths': 0.5, 'zorder': 2, 'rasterized': len(places) > MANY} | look)
     ax.add_collection(dots)
     return dots
 

@@ -122,9 +122,11 @@ def _label_outer(axes, shown):
         if shown[row + 1 :, column].any():
             ax.set_xlabel('')
             ax.tick_params(labelbottom=False)
+            ax.xaxis.set_in_layout(False)  # which would measure every tick
         if shown[row, :column].any():
             ax.set_ylabel('')
             ax.tick_params(labelleft=False)
+            ax.yaxis.set_in_layout(False)
 
 
 def _top(wave):

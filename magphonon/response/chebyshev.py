@@ -34,9 +34,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, sparse
+from scipy.sparse.linalg import LinearOperator, eigsh
 from tqdm import tqdm
 
-from ..stiffness.lowest import lowest_mode
+from ..stiffness.lowest import CERTAIN, lowest_mode
 from ..stiffness.matrices import signed_root
 
 if TYPE_CHECKING:
@@ -55,7 +56,12 @@ LARGE = 8000
 """Number of free directions from which a stencil repays the 0.4 s that it takes to load: a response at 100 frequencies does from
 5000 on, a density of states from 20 000 on.  Once it is loaded it is 3 to 7 times as fast as a sparse matrix for any of them."""
 BATCH = 2**22  # number of cosines computed at a time
-CHANCE = 1e-9  # probability that a random vector does not show a negative eigenvalue
+CHANCE = 1e-9  # probability that a random vector does not show a negative eigenvalue, or one that was missed
+RISE, ROUGH, PASSES, LOOSE, MISSED = 6.0, 3, 20, 10.0, 6
+"""Logarithm by which a filter lifts the lowest eigenvalue above those that it holds down: 4 to 12 take as many products.  Number
+of eigenvalues by whose distances filters are chosen.  Restarts of Lanczos iterations, of which 2 to 7 suffice.  A tolerance that
+their first pass meets.  Number of modes they may miss."""
+LONGEST = 20000  # products of a filter: eigenvalues closer together than 1e-7 of the highest are crowded
 
 
 class Outside(ArithmeticError):
@@ -100,6 +106,10 @@ class Matrix:
     def enter(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
         """A copy of vectors, shape (free, columns), in the form that `advance` takes."""
         return s.copy()
+
+    def leave(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Vectors of coordinates again, the inverse of `enter`."""
+        return x
 
     @cached_property
     def _parts(self):
@@ -234,8 +244,88 @@ def none_negative(K: Products, size: int, most: int) -> bool:
         with suppress(Outside):
             _moments_on(Interval(low, top), _products(K), [s], 2 * count, None)
             return True
-        low /= 4
+        low /= 2
     return False
+
+
+class Crowded(ArithmeticError):
+    """The lowest eigenvalues are too close together for products to separate them."""
+
+
+def lowest_by_products(K: Products, size: int, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The lowest eigenvalues of K, ascending, and their eigenvectors, shape (size, count), without factors of K.
+
+    A filter T_d(X), where X is K with the interval from a bound to the top put between -1 and 1, is at most 1 there and rises
+    steeply below the bound: the lowest eigenvalues of K, which are crowded, become the few large ones of the filter, and Lanczos
+    iterations find them at once.  The bound follows from the distances of ROUGH eigenvalues, by longer and longer filters.
+
+    Then a random vector orthogonal to all modes found is filtered again and again.  It cannot grow, unless a mode was missed: its
+    part along one of the `count` lowest would rise from above CHANCE, except with this probability.  What grows is added to the
+    modes, as the partners of modes with equal frequencies are.  `Crowded` if this does not end.
+    """
+    K, random, low = _products(K), np.random.default_rng(0), 0.0
+    start, bound = random.normal(size=size), K.row_sum / 16
+    while True:
+        values, vectors, left = _lowest_filtered(_Filter(K, low, bound), ROUGH, start, LOOSE)
+        start, low, width = vectors.sum(axis=1), values[0], values[-1] - values[0]
+        if left.max() < width:
+            break
+        bound = low + ROUGH * width
+    more = count + count // 2 + 2  # so far above the wanted ones nothing may grow
+    bound, start = low + 4 * width * more / ROUGH, random.normal(size=size)
+    values, vectors, left = _lowest_filtered(_Filter(K, low, bound), more, start, CERTAIN)
+    for _ in range(MISSED if len(values) > count else 0):
+        grown = _orthogonal(random.normal(size=size), vectors)
+        filtered, longest = _Filter(K, values[count - 1], values[-1]), np.linalg.norm(grown)
+        for _ in range(int(np.log(longest / CHANCE) / np.log(np.cosh(RISE))) + 1):
+            grown = _orthogonal(filtered(grown), vectors)
+        if np.linalg.norm(grown) <= longest and left[:count].max() <= CERTAIN * K.row_sum:
+            return values[:count], vectors[:, :count]
+        values, vectors, left = _eigenpairs(K, np.column_stack([vectors, grown / np.linalg.norm(grown)]))
+    raise Crowded
+
+
+def _orthogonal(s, vectors):
+    return s - vectors @ (vectors.T @ s)
+
+
+class _Filter:
+    """The function v -> T_d(X) v that is about e^RISE/2 at the eigenvalue `low`, and at most 1 from the `bound` to the top."""
+
+    def __init__(self, K, low, bound):
+        bound = min(bound, K.row_sum / 2)  # of a few hundred modes the wanted ones may lie far apart
+        self.K, radius, above = K, (K.row_sum - bound) / 2, bound - low
+        degree = RISE / np.arccosh(1 + above / radius) if above > 0 else np.inf
+        if degree > LONGEST:
+            raise Crowded
+        self.degree, self.X2 = 2 * int(degree / 2) + 2, K.scaled(2 / radius, bound + radius)
+
+    def __call__(self, v):
+        now, before = self.X2.enter(v[:, None]), self.X2.enter(np.zeros((len(v), 1)))
+        self.X2.advance(now, before)
+        before /= 2  # T_{-1} = T_1
+        self.X2.advance(now, before, self.degree)
+        return self.X2.leave(now)[:, 0]
+
+
+def _lowest_filtered(filtered, count, start, tolerance):
+    """Eigenvalues of K, its eigenvectors and their residuals, by Lanczos iterations with a filter."""
+    operator = LinearOperator((len(start), len(start)), filtered, dtype=float)
+    try:
+        V = eigsh(operator, count, which='LA', v0=start, ncv=count + 10, tol=tolerance, maxiter=PASSES)[1]
+    except sparse.linalg.ArpackNoConvergence as error:  # often of the last one, whose neighbour is close or equal
+        V = error.eigenvectors
+    return _eigenpairs(filtered.K, V)
+
+
+def _eigenpairs(K, V):
+    """Eigenvalues of K between orthonormal vectors, ascending, with eigenvectors and residuals."""
+    y = K.enter(np.zeros_like(V))
+    K.advance(K.enter(V), y)
+    KV = K.leave(y)
+    values, turn = np.linalg.eigh(V.T @ KV)
+    V = V @ turn
+    return values, V, np.linalg.norm(KV @ turn - V * values, axis=0)
 
 
 def jackson(count: int) -> NDArray[np.float64]:

@@ -71,6 +71,10 @@ class Stencil:
         slots.reshape(len(slots), -1)[:, self.places] = s.T
         return slots
 
+    def leave(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Vectors of coordinates again, the inverse of `enter`."""
+        return x.reshape(len(x), -1)[:, self.places].T
+
     def scaled(self, factor: float, shift: float) -> Stencil:
         """The stencil of the matrix `factor * (K - shift)`."""
         D = self.D.copy()

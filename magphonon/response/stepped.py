@@ -8,21 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from operator import attrgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
 from ase.io.jsonio import encode
 from numpy.typing import ArrayLike, NDArray
 
-from ..dynamics.recorder import Recorder
-from ..dynamics.verlet import DrivenVerlet
 from ..errors import finite, positive
 from ..interactions.bond_laws import laws_of, laws_to_dict, saved_by_name
 from ..lattices.bonds import Bonds
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import freedom
 from .frf import FrequencyResponse
+
+if TYPE_CHECKING:
+    from ..dynamics.recorder import Recorder
+    from ..dynamics.verlet import DrivenVerlet
 
 LEAST_PERIODS = 3
 """Smallest number of periods in a lock-in window: a shorter Hann window would mix the frequency with zero and with its double."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Annotated, Any, Self, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
 from pydantic.functional_validators import ModelWrapValidatorHandler
 from pydantic_core import ErrorDetails, InitErrorDetails
 
@@ -114,7 +114,7 @@ Angles = Annotated[tuple[Angle, ...], listed]
 class Table(BaseModel):
     """One table of a scene: only its fields are allowed as keys, and it is read-only."""
 
-    model_config = ConfigDict(extra='forbid', frozen=True)
+    model_config = ConfigDict(extra='forbid', frozen=True, defer_build=True)
 
     @model_validator(mode='wrap')
     @classmethod
@@ -145,44 +145,20 @@ class Table(BaseModel):
 
 
 def of_known_kind(*models: type[Table]) -> BeforeValidator:
-    """A check that a table has one of the kinds of `models`.
-
-    If it has none, its other faults are reported too: those found by the kind that was probably meant, or else those found by
-    all of the kinds that share most keys with the table.
-    """
+    """A check that a table has one of the kinds of `models`."""
     of = {kind: model for model in models for kind in get_args(model.model_fields['kind'].annotation)}
 
-    def check(table: Any, info: ValidationInfo) -> Any:
+    def check(table: Any) -> Any:
         kinds = ', '.join(map(repr, of))
         if not isinstance(table, dict):
             raise ValueError(f' must be a table in brackets with a kind, one of {kinds}, not {shown(table)}')
         given = table.get('kind')
-        if given in tuple(of):
-            return table
-        why = (ValueError(f".kind must be one of {kinds}, not {shown(given)}{did_you_mean(given, of)}") if 'kind' in table else
-               ValueError(f" lacks the key 'kind'; add one of {kinds}"))
-        raise_all([fault(table, why), *_common_faults(of, table, info.context)])
+        if given not in tuple(of):
+            raise ValueError(f'.kind must be one of {kinds}, not {shown(given)}{did_you_mean(given, of)}' if 'kind' in table else
+                             f" lacks the key 'kind'; add one of {kinds}")
+        return table
 
     return BeforeValidator(check)
-
-
-def _common_faults(of, table, context):
-    """The faults that all kinds find that were probably meant."""
-    shared = {kind: len(model.model_fields.keys() & table.keys()) for kind, model in of.items()}
-    near = nearest(table.get('kind'), of)
-    meant = [near] if near else [kind for kind in of if shared[kind] == max(shared.values())]
-    first, *others = (_faults(of[kind], table | {'kind': kind}, context) for kind in meant)
-    return [first[said] for said in first if all(said in other for other in others)]
-
-
-def _faults(model, table, context):
-    """The faults that one model finds in a table, by their places and words."""
-    try:
-        model.model_validate(table, context=context)
-    except ValidationError as error:
-        return {(found['loc'], str(reason(found))): fault(found['input'], reason(found), found['loc'])
-                for found in error.errors()}
-    return {}
 
 
 def reason(found: ErrorDetails) -> ValueError:

@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from .. import lattices, units as u
 from ..bands.bands import band_path
 from ..interactions.upright import UprightMagnets
+from ..stiffness.sites import HEAVY, RAYLEIGH, cantilever_excess
 from .fields import (
     Count,
     Flag,
@@ -38,13 +39,8 @@ if TYPE_CHECKING:
 
 LatticeKind = Literal['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc']
 KINDS = (*get_args(LatticeKind), 'oscillator', 'file')
-RAYLEIGH = 33 / 140
-"""Share of the mass of a cantilever that moves with its tip while it bends as under a static force."""
-HEAVY, NODE = 5.0, 237.7
-"""3 m omega^2/k of a pillar above which Rayleigh's mass is off by more than a percent of the stiffness, and where its tip is a
-node."""
+NODE = 237.7  # 3 m omega^2/k of a pillar of mass m whose tip is a node
 HALVINGS = 50  # of the interval of a frequency
-STEP = 1e-4  # of a difference of the stiffness of a pillar
 MOST_CELLS = 10**6
 """Largest number of cells of a patch; more need gigabytes and are probably due to a wrong unit."""
 
@@ -151,9 +147,8 @@ class Pillar(Table):
 
     def excess(self, omega: Any) -> tuple[Any, Any]:
         """By how much its stiffness at frequencies in rad/ms exceeds k - 33/140 m omega^2, in N/mm, and the slope by ln k."""
-        x, k = self.heaviness(omega), self.stiffness_N_per_m * u.N / u.m
-        beside = [dynamic_stiffness(x * (1 + step)) - 1 + RAYLEIGH / 3 * x * (1 + step) for step in (0.0, STEP, -STEP)]
-        return k * beside[0], k * (beside[0] - (beside[1] - beside[2]) / (2 * STEP))
+        k, (excess, slope) = self.stiffness_N_per_m * u.N / u.m, cantilever_excess(self.heaviness(omega))
+        return k * excess, k * (excess - slope)
 
     def slowed(self, omega: Any, mass: float) -> Any:
         """Frequencies in rad/ms, below that of the node, of waves that have `omega` on springs with 33/140 of the pillars' mass.
@@ -176,21 +171,6 @@ class Pillar(Table):
     def heaviness(self, omega: Any) -> Any:
         """The number x = 3 m omega^2/k of a pillar of mass m at frequencies in rad/ms; Rayleigh's mass is right below 5."""
         return 3 * self.mass_kg * (1e3 * np.asarray(omega)) ** 2 / self.stiffness_N_per_m
-
-
-def dynamic_stiffness(x: Any) -> Any:
-    """Stiffness of a cantilever at its tip in static ones: z^3/3 (1 + cos z cosh z)/(sin z cosh z - cos z sinh z), z^4 = x.
-
-    Its mass m makes x = 3 m omega^2/k; up to x = `NODE`.
-
-    Examples
-    --------
-    >>> from magphonon.scenes.lattices import dynamic_stiffness
-    >>> round(float(dynamic_stiffness(0.1)), 6), round(1 - 33 / 420 * 0.1, 6)  # Rayleigh's mass is enough
-    (0.992142, 0.992143)
-    """
-    z = np.maximum(x, 1e-3) ** 0.25
-    return z**3 / 3 * (1 + np.cos(z) * np.cosh(z)) / (np.sin(z) * np.cosh(z) - np.cos(z) * np.sinh(z))
 
 
 class OutOfPlane(Table):

@@ -6,9 +6,9 @@ matrix, D(q) + k of a periodic cell or the condensed Hessian of a finite one, is
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from ase import Atoms
@@ -18,16 +18,20 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 from scipy.sparse.linalg import LinearOperator, eigsh
 
+from .. import units as u
 from ..errors import whole
-from ..lattices.bonds import Bonds
 from ..stiffness.factors import inverse
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.matrices import Model, bloch_matrix, growth, hessian, model_stiffness
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import BALANCED, LinearSystem, freedom
-from ..stiffness.sites import Foundation
 from ..traits import LIKE, all_but, refuse, takes
+from .mechanisms import FreeMotions, free_motions
 from .soft_waves import softest_wave
+
+if TYPE_CHECKING:
+    from ..lattices.bonds import Bonds
+    from ..stiffness.sites import Foundation
 
 ROUND_OFF = 1e-12  # fraction of the largest eigenvalue below which an eigenvalue is zero
 VERGE = 1e-9  # distance from the foundation that is needed, as a fraction of it, within which round-off would decide
@@ -89,28 +93,27 @@ def _over_zone(matrix, cell, steps):
 
 @takes('all neighbours', *LIKE)
 def softest_of(atoms: Atoms | LinearSystem, model: Model | None = None, scale: float = 1.0, foundation: float = 0.0,
-               weighted: bool = False, steps: int | None = None) -> SoftMode:
+               weighted: bool = False, steps: int | None = None, upwards: bool = False) -> SoftMode:
     """Softest mode of `atoms` about the reference of their calculator, with all bonds stretched by the factor `scale`.
 
     The part of the foundation that is common to all particles, `common_spring`, is replaced by `foundation` in N/mm; the
-    additional stiffness of stiffer springs is kept.  If `weighted`, eigenvalues are squared frequencies.
+    additional stiffness of stiffer springs is kept.  If `weighted`, eigenvalues are squared frequencies.  If `upwards`, only
+    motion out of the plane of a flat layer counts, which is independent of that in the plane.
     """
-    system = _about(atoms)
-    return _softest(system, system.shapes if weighted else system.free, foundation - common_spring(system), model, scale, steps)
-
-
-def _about(atoms: Any) -> LinearSystem:
-    return LinearSystem.about(atoms.calc, atoms) if isinstance(atoms, Atoms) else atoms  # pyright: ignore[reportArgumentType]
-
-
-def _softest(system, free, added, model, scale=1.0, steps=None):
-    """The softest mode along directions, with a stiffness added to all springs; sums are known at the present spacing only."""
+    system: Any = LinearSystem.about(atoms.calc, atoms) if isinstance(atoms, Atoms) else atoms  # pyright: ignore[reportArgumentType]
+    free, added = directions(system, weighted, upwards), foundation - common_spring(system, upwards)
     calc = system.atoms.calc
     if calc.pairwise:
         K = model_stiffness(scale * calc.bond_vectors, calc.interaction, model or calc.model)
         return softest(calc.bonds, K, free, system.atoms, calc.foundation + added, steps)
-    P, springs = free.toarray(), added * np.eye(free.shape[0])
+    P, springs = free.toarray(), added * np.eye(free.shape[0])  # sums are known at the present spacing only
     return _over_zone(lambda q: P.T @ (calc.bloch_matrix(q, model) + springs) @ P, system.atoms, steps or _steps(calc))
+
+
+def directions(system: LinearSystem, weighted: bool = False, upwards: bool = False) -> sparse.csr_array:
+    """The columns of `LinearSystem.free`, or of `shapes` if `weighted`; of a layer those along z if `upwards`."""
+    free = system.shapes if weighted else system.free
+    return free[:, np.unique(system.free[2::3].indices)] if upwards else free
 
 
 def on_the_verge(spring: float, needed: float) -> bool:
@@ -130,36 +133,11 @@ def fastest_growth(system: LinearSystem) -> tuple[float, NDArray[np.float64]]:
     return float(rates.max()), q[rates.argmax()]
 
 
-def common_spring(atoms: Atoms | LinearSystem) -> float:
-    """Stiffness of the softest spring of all free particles in N/mm."""
-    return _softest_spring(atoms, slice(None))
-
-
-def common_support(atoms: Atoms | LinearSystem) -> float:
-    """Stiffness along z of the softest support of all free particles of a layer, in N/mm."""
-    return _softest_spring(atoms, 2)
-
-
-def _softest_spring(atoms, components):
+def common_spring(atoms: Atoms | LinearSystem, upwards: bool = False) -> float:
+    """Stiffness of the softest spring of all free particles in N/mm; of a layer that of supports along z if `upwards`."""
     atoms = atoms if isinstance(atoms, Atoms) else atoms.atoms
-    springs, mobile = np.broadcast_to(atoms.calc.foundation, (len(atoms), atoms.calc.dim))[:, components], freedom(atoms)[0]
-    return float(springs[mobile if mobile.any() else ~mobile].min())
-
-
-def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, weighted: bool = False) -> SoftMode:
-    """Softest wave out of the plane of a flat layer; there the motions along z and in the plane are independent.
-
-    `foundation` in N/mm replaces the stiffness that the supports of all particles have in common, `common_support`.
-    If `weighted`, eigenvalues are squared frequencies.
-    """
-    system = _about(atoms)
-    upwards = (system.shapes if weighted else system.free)[:, z_of(system)]
-    return _softest(system, upwards, foundation - common_support(system), 'complete')
-
-
-def z_of(layer: LinearSystem) -> NDArray[np.int_]:
-    """The columns of `LinearSystem.free` of a layer that are directions along z."""
-    return np.unique(layer.free[2::3].indices)
+    springs, mobile = np.broadcast_to(atoms.calc.foundation, (len(atoms), atoms.calc.dim)), freedom(atoms)[0]
+    return float(springs[mobile if mobile.any() else ~mobile, 2 * upwards :].min())
 
 
 def flat_layer(atoms: Atoms) -> bool:
@@ -206,7 +184,7 @@ class CriticalFoundation(NamedTuple):
 def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None, steps: int | None = None) -> CriticalFoundation:
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
 
-    For a flat layer only motion in the plane counts, whatever its supports along z; for these use `softest_out_of_plane`.
+    For a flat layer only motion in the plane counts, whatever its supports along z; for these use `softest_of`.
 
     If springs differ, the result is the stiffness needed for the softest one, `common_spring`, while the
     differences between the springs are kept.
@@ -403,3 +381,104 @@ def _reserve_of_waves(system):
         if not factor < (1 - VERGE) * last:
             break
     return factor, P @ y, q
+
+
+FOUNDATION = 'the foundation of {} is', 'a foundation', 'a stiffer foundation'
+SUPPORTS = 'the supports of {} along z are', 'supports along z', 'stiffer supports'
+"""How a foundation, or supports out of the plane, are named where they hold, are needed, and are too soft."""
+
+
+@dataclass(frozen=True)
+class Buckling:
+    """Whether a foundation holds a structure against its static forces.
+
+    Attributes
+    ----------
+    spring, needed : float
+        The present stiffness, and the smallest one that holds the structure without gyration, N/mm.  If springs differ, both are
+        those of the softest one, with the differences between springs kept.
+    softest : ndarray, shape (3,)
+        Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
+    growth : float
+        Rate of the fastest unstable mode, 1/ms; zero for a stable structure.
+    free : FreeMotions
+        Motions that cost no energy.
+    spacing : float or None
+        Length of the shortest bond at which the foundation begins or ceases to hold the structure, mm; None if there is no such
+        length, or if it was not computed, such as for balls in contact.
+    """
+
+    spring: float
+    needed: float
+    softest: np.ndarray
+    growth: float
+    free: FreeMotions
+    spacing: float | None = None
+
+    @property
+    def stable(self) -> bool:
+        """Whether no motion grows; gyration may hold a structure that its foundation does not. False on the verge of buckling."""
+        return not (self.verge or self.growth)
+
+    @property
+    def held(self) -> bool:
+        """Whether the foundation holds the structure, without gyration."""
+        return self.needed <= self.spring and not self.verge
+
+    @property
+    def verge(self) -> bool:
+        """Whether the foundation equals the needed one to within a fraction of 1e-9, so that round-off would decide whether
+        motion grows.
+        """
+        return self.free.count > 0 or on_the_verge(self.spring, self.needed)
+
+    def words(self, where: str, uneven: bool = False, names: tuple[str, str, str] = FOUNDATION) -> str:
+        """Whether the foundation, or what `names` says, holds a structure `where` it moves, in a sentence or two in SI units; its
+        springs differ if they are `uneven`.
+        """
+        holds, support, stiffer = names
+        spring, needed = stiffness_words(self.spring) + ' at its softest spring' * uneven, stiffness_words(self.needed)
+        at = f', with the softest mode at q = ({", ".join(f"{x:.4g}" for x in self.softest)})' if self.softest.any() else ''
+        if self.free.count:
+            return self.free.words(where)
+        if self.verge:
+            return (f'It is on the verge of buckling{where}{at}: {holds.format(spring)} just what it needs, and round-off would '
+                    f'decide. Take {stiffer}.')
+        if self.growth:
+            return (f'It buckles{where}{at}: the motion grows e-fold in {1 / self.growth / u.s:.3g} s. It needs {support} of '
+                    f'{needed} and has {spring}.')
+        if not self.held:
+            return (f'Stable{where} only without losses: without gyration it would need {support} of {needed} and has {spring}; '
+                    'with gyration any damping lets it fall, however slowly.')
+        if self.needed:
+            return f'Stable{where}: {holds.format(spring)} {times_words(self.spring / self.needed)} the {needed} needed.'
+        if uneven:
+            return (f'Stable{where}, and it would stay so if all springs were softer by {stiffness_words(self.spring)}, the '
+                    'stiffness of the softest one.')
+        return f'Stable{where}, even without {support}{self.free.whole}.'
+
+
+def stability_of(system: LinearSystem, gyrating: LinearSystem | None = None, upwards: bool = False) -> Buckling:
+    """Whether the foundation holds a structure, or a layer out of its plane; a system with gyration may hold what it does not."""
+    spring, soft = common_spring(system, upwards), softest_of(system, 'complete', upwards=upwards)
+    stiff = soft.needed or soft.lowest + spring > VERGE * soft.highest or not system.atoms.calc.pairwise
+    free = FreeMotions() if stiff else free_motions(system, directions(system, upwards=upwards), soft.q)
+    found = Buckling(spring, soft.needed, soft.q, 0.0, free)
+    if found.held or found.verge:
+        return found
+    if gyrating is not None:
+        growth, q = fastest_growth(gyrating)
+        return replace(found, growth=growth, softest=q)
+    moving = softest_of(system, 'complete', foundation=spring, weighted=True, upwards=upwards)
+    return replace(found, growth=float(np.sqrt(-moving.lowest)))
+
+
+def times_words(ratio: float) -> str:
+    """A ratio above 1, in words before what is compared."""
+    return f'{100 * (ratio - 1):.2g} % more than' if ratio < 1.995 else f'{ratio:.3g} times'
+
+
+def stiffness_words(k: float) -> str:
+    """A stiffness in N/mm, in SI units."""
+    value = k / (u.N / u.m)
+    return f'{value:.4g} N/m' if 1e-3 <= value < 1e5 or not value else u.in_words('N/m', value)

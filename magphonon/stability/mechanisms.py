@@ -11,6 +11,7 @@ eigenvalues of K below the round-off of the stiffest bond.  Three causes are tol
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,9 @@ from scipy import sparse
 
 from ..stiffness.lowest import DENSE, count_below
 from ..stiffness.matrices import bloch_matrix, hessian
-from ..stiffness.rest import LinearSystem
+
+if TYPE_CHECKING:
+    from ..stiffness.rest import LinearSystem
 
 ZERO = 1e-12
 """Fraction of the stiffest bond or spring below which an eigenvalue costs no energy: a spring of 1e-9 of the bond is a stiffness,

@@ -31,23 +31,20 @@ from ..traits import LINEAR, all_but, refuse, takes
 from .amplitude_shifts import frequency_shifts
 from .buckling import (
     FEW,
-    VERGE,
-    SoftMode,
-    common_spring,
-    common_support,
+    SUPPORTS,
+    Buckling,
     critical_spacing,
     critical_support,
-    fastest_growth,
     flat_layer,
     highest_squared,
     lowest_across,
-    on_the_verge,
     prestress_reserve,
     softest_of,
-    softest_out_of_plane,
-    z_of,
+    stability_of,
+    stiffness_words,
+    times_words,
 )
-from .mechanisms import FreeMotions, free_motions, self_stresses
+from .mechanisms import self_stresses
 
 LARGE = 0.1  # largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted
 LINEAR_ERROR = 0.01  # relative error of a frequency up to which the linear theory is accepted
@@ -260,100 +257,36 @@ class Case:
         return size if size > DENSE else 0
 
     @property
-    def touching(self) -> bool:
-        """Whether particles are in mechanical contact, which they would lose at other spacings."""
-        return any(isinstance(law, Overlap) for law in laws_of(self.calc.laws))
-
-    @cached_property
-    def softest(self) -> SoftMode:
-        return softest_of(self.system, 'complete')
+    def scalable(self) -> bool:
+        """Whether stability is known at other spacings, at which particles in mechanical contact would lose it."""
+        return self.balanced and self.listed and not any(isinstance(law, Overlap) for law in laws_of(self.calc.laws))
 
     @cached_property
     def inside(self) -> Buckling:
         """Stability in the plane, or in space; gyration may hold a structure that its foundation does not."""
-        found = _foundation_holds(self.system, self.system.free, self.softest, common_spring(self.system))
-        if found.held or found.verge:
-            return found
-        if self.gyrating is not None and not self.large:
-            growth, q = fastest_growth(self.gyrating)
-            return replace(found, growth=growth, softest=q)
-        moving = softest_of(self.system, 'complete', foundation=found.spring, weighted=True)
-        return replace(found, growth=float(np.sqrt(-moving.lowest)))
+        return stability_of(self.system, None if self.large else self.gyrating)
 
     @cached_property
-    def above(self) -> tuple[Buckling, float] | None:
-        """Stability of a flat layer out of its plane, and the highest angular frequency of this motion in rad/ms."""
+    def across(self) -> LinearSystem | None:
+        """A flat layer with its motion out of the plane, in which gyration turns nothing."""
         if self.layer is None:
             return None
-        # gyration turns nothing out of the plane
-        system = (LinearSystem.nearest(self.layer, None, 'gyration') if self.listed else
-                  LinearSystem.about(self.layer.calc, self.layer))  # pyright: ignore[reportArgumentType]  a Repulsion
-        spring = common_support(system)
-        moving = softest_out_of_plane(system, spring, weighted=True)
-        found = _foundation_holds(system, system.free[:, z_of(system)], softest_out_of_plane(system), spring)
-        if not (found.held or found.verge):
-            found = replace(found, growth=float(np.sqrt(-moving.lowest)))
-        return found, float(np.sqrt(max(moving.highest, 0.0)))
+        return (LinearSystem.nearest(self.layer, None, 'gyration').without_B() if self.listed else
+                LinearSystem.about(self.layer.calc, self.layer))  # pyright: ignore[reportArgumentType]  a Repulsion
+
+    @cached_property
+    def above(self) -> Buckling | None:
+        """Stability of a flat layer out of its plane."""
+        return None if self.across is None else stability_of(self.across, upwards=True)
 
     @property
     def stable(self) -> bool:
-        return self.inside.stable and (self.above is None or self.above[0].stable)
+        return self.inside.stable and (self.above is None or self.above.stable)
 
     @property
     def unstable(self) -> bool:
         """Whether some motion grows; on the verge of buckling a structure is neither stable nor unstable."""
-        return bool(self.inside.growth or (self.above is not None and self.above[0].growth))
-
-
-def _foundation_holds(system, free, soft, spring):
-    """Stability along the directions `free`, whose softest motion is `soft`, before the growth is known."""
-    stiff = soft.needed or soft.lowest + spring > VERGE * soft.highest or not system.atoms.calc.pairwise
-    return Buckling(spring, soft.needed, soft.q, 0.0, FreeMotions() if stiff else free_motions(system, free, soft.q))
-
-
-@dataclass(frozen=True)
-class Buckling:
-    """Whether a foundation holds a structure against its static forces.
-
-    Attributes
-    ----------
-    spring, needed : float
-        The present stiffness, and the smallest one that holds the structure without gyration, N/mm.  If springs differ, both are
-        those of the softest one, with the differences between springs kept.
-    softest : ndarray, shape (3,)
-        Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
-    growth : float
-        Rate of the fastest unstable mode, 1/ms; zero for a stable structure.
-    free : FreeMotions
-        Motions that cost no energy.
-    spacing : float or None
-        Length of the shortest bond at which the foundation begins or ceases to hold the structure, mm; None if there is no such
-        length, or if it was not computed, such as for balls in contact.
-    """
-
-    spring: float
-    needed: float
-    softest: np.ndarray
-    growth: float
-    free: FreeMotions
-    spacing: float | None = None
-
-    @property
-    def stable(self) -> bool:
-        """Whether no motion grows; gyration may hold a structure that its foundation does not. False on the verge of buckling."""
-        return not (self.verge or self.growth)
-
-    @property
-    def held(self) -> bool:
-        """Whether the foundation holds the structure, without gyration."""
-        return self.needed <= self.spring and not self.verge
-
-    @property
-    def verge(self) -> bool:
-        """Whether the foundation equals the needed one to within a fraction of 1e-9, so that round-off would decide whether
-        motion grows.
-        """
-        return self.free.count > 0 or on_the_verge(self.spring, self.needed)
+        return bool(self.inside.growth or (self.above is not None and self.above.growth))
 
 
 class Supports(NamedTuple):
@@ -376,8 +309,8 @@ class Rigidity(NamedTuple):
         """How much more static force the structure bears, in words; empty if there is no such limit."""
         if self.factor is None or not np.isfinite(self.factor):
             return ''
-        return (f'It would collapse if its static forces were {_times(self.factor)} what they are now' if self.factor > 1 else
-                f'It would be stable if its static forces were less than {self.factor:.3g} of these')
+        return (f'It would be stable if its static forces were less than {self.factor:.3g} of these' if self.factor <= 1 else
+                f'It would collapse if its static forces were {times_words(self.factor)} what they are now')
 
 
 # --- the checks ----------------------------------------------------------------------------------------------------------------
@@ -398,32 +331,23 @@ def residual(case: Case) -> Finding:
 @check
 def buckling(case: Case) -> Finding:
     """Stability in the plane, or in space, by the complete model, because the conventional model does not show buckling."""
-    found, many = _buckling(case)
-    words = (_holds if found.stable else _fails)(case, found, ' in the plane' if case.calc.dim == 2 else '')
+    many = case.scalable and case.large > (SPACED if case.finite else 0)  # for the spacing at which stability ends
+    scale = 1.0 if case.inside.verge else critical_spacing(case.system) if case.scalable and not many else None
+    found = replace(case.inside, spacing=scale and scale * case.spacing)
+    words = found.words(' in the plane' * (case.calc.dim == 2), uneven=np.ndim(case.calc.foundation) > 0)
+    words += _further(case, found)
     if case.large and case.atoms.pbc.any():
         words += (' The periodic cell is so large that only waves that fit into one or two cells were computed; another wave may '
                   'be softer. Check a smaller cell of the same lattice, or another number of repeats.')
     return Finding(found, words, not found.stable, 'the spacing at which the structure buckles' if many else '')
 
 
-def _buckling(case):
-    """Stability by the complete model, and whether the structure is too large to search for the spacing at which it ends."""
-    search = case.balanced and case.listed and not case.touching
-    many = search and case.large > (SPACED if case.finite else 0)
-    scale = 1.0 if case.inside.verge else critical_spacing(case.system) if search and not many else None
-    return replace(case.inside, spacing=scale and scale * case.spacing), many
-
-
-def _fails(case, found, where):
-    """Why a structure is not stable `where` it moves, in words."""
-    spring = _spring(case, found)
-    if found.free.count:
-        return found.free.words(where)
-    if found.verge:
-        return (f'It is on the verge of buckling{where}{_at(found)}: the foundation of {spring} is just what it needs, and '
-                'round-off would decide. Take a stiffer foundation.')
-    room = f' A spacing above {found.spacing / u.m:.4g} m would also make it stable.' if found.spacing else ''
-    words = f'It buckles{where}{_growth(found)}. It needs a foundation of {_stiffness(found.needed)} and has {spring}.{room}'
+def _further(case, found):
+    """At which spacing stability would change, and what the model or gyration do not do, in words."""
+    at = found.spacing and f'{found.spacing / u.m:.4g} m'
+    if found.stable or found.verge:
+        return f' It would buckle below a spacing of {at}.' if at and found.held else ''
+    words = f' A spacing above {at} would also make it stable.' if at else ''
     if case.calc.model != 'complete':
         words += f" The {case.calc.model} model does not show this, because it leaves out D*. Use model='complete'."
     if case.gyrating is None:
@@ -432,42 +356,12 @@ def _fails(case, found, where):
                     ' Gyration is too slow to hold it.')
 
 
-def _holds(case, found, where):
-    """Why a structure is stable `where` it moves, in words."""
-    spring, needed, at = _spring(case, found), _stiffness(found.needed), found.spacing and f'{found.spacing / u.m:.4g} m'
-    if not found.held:
-        return (f'Stable{where} only without losses: without gyration it would need a foundation of {needed} and has {spring}; '
-                'with gyration any damping lets it fall, however slowly.')
-    if found.needed:
-        room = f' It would be stable down to a spacing of {at}.' if at else ''
-        return f'Stable{where}: the foundation of {spring} is {_times(found.spring / found.needed)} the {needed} needed.{room}'
-    if np.ndim(case.calc.foundation):
-        return (f'Stable{where}, and it would stay so if all springs were softer by {_stiffness(found.spring)}, the stiffness of '
-                'the softest one.')
-    below = f' It would buckle below a spacing of {at}.' if at else ''
-    return f'Stable{where}, even without a foundation{found.free.whole}.{below}'
-
-
-def _spring(case, found):
-    return _stiffness(found.spring) + ' at its softest spring' * bool(np.ndim(case.calc.foundation))
-
-
 @check
 def out_of_plane(case: Case) -> Finding:
     """Stability of a flat layer, whose foundation has three components, against motion out of its plane."""
-    if case.above is None:
+    if (found := case.above) is None:
         return Finding()
-    found, _ = case.above
-    have, need = _stiffness(found.spring), _stiffness(found.needed)
-    if found.stable:
-        margin = f'{_times(found.spring / found.needed)} the {need} needed' if found.needed else 'stiffer than needed'
-        return Finding(found, f'Stable out of the plane: the supports of {have} along z are {margin}.')
-    if found.free.count:
-        return Finding(found, found.free.words(' out of the plane'), True)
-    if found.verge:
-        return Finding(found, f'It is on the verge of buckling out of the plane{_at(found)}: the supports of {have} along z are '
-                       'just what it needs, and round-off would decide. Take stiffer supports.', True)
-    return Finding(found, f'It buckles out of the plane{_growth(found)}. Its supports need {need} along z and have {have}.', True)
+    return Finding(found, found.words(' out of the plane', names=SUPPORTS), not found.stable)
 
 
 @check
@@ -475,25 +369,25 @@ def timestep_limit(case: Case) -> Finding:
     """Longest stable time step in ms: 2/omega_max of the structure, or of all waves of a lattice with a small cell, or less if
     the damping requires it; infinite if no mode vibrates.
     """
-    waves, gyrates = case.atoms.pbc.any() and not case.large, case.gyrating is not None
-    whole: Any = case.gyrating if gyrates else case.system
-    system = whole.without_B() if gyrates else whole
-    if not waves:
-        highest = highest_frequency(whole)
-    elif gyrates and not case.inside.held:  # then gyration counts, and so do the hills
+    if case.large or not case.atoms.pbc.any():
+        highest = highest_frequency(case.gyrating or case.system)
+    elif case.gyrating and not case.inside.held:  # then gyration counts, and so do the hills
         lowest = softest_of(case.system, foundation=case.inside.spring, weighted=True).lowest
-        highest = fastest(max(highest_squared(system), -lowest), case.gyrating.turning)
+        highest = fastest(max(highest_squared(case.system), -lowest), case.gyrating.turning)
     else:
-        highest = np.sqrt(max(highest_squared(system), 0.0))
-    highest = max(float(highest), case.above[1] if case.above else 0.0)
+        highest = np.sqrt(max(highest_squared(case.system), 0.0))
+    if case.above is not None:
+        across = softest_of(case.across, 'complete', foundation=case.above.spring, weighted=True, upwards=True)
+        highest = max(highest, np.sqrt(max(across.highest, 0.0)))
     if not highest:
         return Finding(np.inf)
+    limit = float(2 / highest)
     losses = SPLITTINGS[2].damped / max(float(np.max(case.damping)), np.finfo(float).tiny)
-    if losses < 2 / highest:
+    if losses < limit:
         return Finding(losses, f'Time steps up to {u.in_words("s", losses / u.s)} are accepted with this damping, and a third of '
-                       f'that is accurate to 0.3 %. Steps up to {u.in_words("s", 2 / highest / u.s)} would still be stable.')
-    of = u.in_words('Hz', u.hertz(highest)) + ' without gyration' * (gyrates and case.inside.held)
-    return Finding(2 / highest, f'Time steps up to {u.in_words("s", 2 / highest / u.s)} are stable (2/omega_max, with the '
+                       f'that is accurate to 0.3 %. Steps up to {u.in_words("s", limit / u.s)} would still be stable.')
+    of = u.in_words('Hz', u.hertz(highest)) + ' without gyration' * (case.gyrating is not None and case.inside.held)
+    return Finding(limit, f'Time steps up to {u.in_words("s", limit / u.s)} are stable (2/omega_max, with the '
                    f'highest frequency of {of}); a tenth of that is accurate.')
 
 
@@ -546,9 +440,10 @@ def _support(found):
     """The stiffness that supports must have, in words."""
     need = 'Not modelled: motion out of the plane. Each support needs an out-of-plane stiffness of at least '
     if found.wave is None or np.isclose(found.wave, found.central, rtol=SAME):  # or charges, whose energy obeys Laplace too
-        return f'{need}{_stiffness(found.central)}.'
-    return (f'{need}{_stiffness(found.wave)} for upright magnets ({_stiffness(found.alone)} if only one of them can move). '
-            f'For particles whose forces are along the lines between them {_stiffness(found.central)} is enough.')
+        return f'{need}{stiffness_words(found.central)}.'
+    wave, alone, central = map(stiffness_words, found)
+    return (f'{need}{wave} for upright magnets ({alone} if only one of them can move). For particles whose forces are along the '
+            f'lines between them {central} is enough.')
 
 
 @remark
@@ -578,8 +473,8 @@ def amplitude(case: Case) -> Finding:
         return Finding()
     if case.large and not case.finite:
         return Finding(unjudged='the linear amplitude')
-    soft = case.softest
-    if not case.inside.held or (soft.needed and not np.allclose(2 * soft.q, np.round(2 * soft.q))):
+    soft = case.inside
+    if not soft.held or (soft.needed and not np.allclose(2 * soft.softest, np.round(2 * soft.softest))):
         return Finding()  # `frequency_shifts` does not contain the softest wave
     found = frequency_shifts(case.system).amplitude(LINEAR_ERROR)
     share = found / case.spacing
@@ -590,20 +485,3 @@ def amplitude(case: Case) -> Finding:
                        'spacing.')
     return Finding(found, f'The linear theory holds for small motion: its frequencies are 1 % off at an amplitude of '
                    f'{u.in_words("m", found / u.m, digits=2)}, {100 * share:.2g} % of the spacing.')
-
-
-def _at(found):
-    return f', with the softest mode at q = ({", ".join(f"{x:.4g}" for x in found.softest)})' if found.softest.any() else ''
-
-
-def _growth(found):
-    return f'{_at(found)}: the motion grows e-fold in {1 / found.growth / u.s:.3g} s'
-
-
-def _times(ratio):
-    return f'{100 * (ratio - 1):.2g} % more than' if ratio < 1.995 else f'{ratio:.3g} times'
-
-
-def _stiffness(k):
-    value = k / (u.N / u.m)
-    return f'{value:.4g} N/m' if 1e-3 <= value < 1e5 or not value else u.in_words('N/m', value)

@@ -2,8 +2,8 @@
 
 `matrices` has the interaction of two particles, Eq. 3 of the paper, and assembles the Hessian and the Bloch matrix (Eq. 18) of
 many; `lowest` finds their lowest eigenvalues. `calculator` is the ASE calculator with its foundation, also for cells that change;
-`all_neighbours` is the calculator without a cutoff, based on the lattice sums of `ewald`; `repulsion`, `restartable` and
-`supercells` hold what both calculators have in common.  `relaxation` finds positions where the forces balance, `rest` holds the
+`all_neighbours` is the calculator without a cutoff, based on the lattice sums of `ewald`; `repulsion` and `supercells`
+hold what both calculators have in common.  `relaxation` finds positions where the forces balance, `rest` holds the
 linear system about them.  `sites` holds properties of individual particles, `defects` makes vacancies and disorder, `elastic`
 computes stress and moduli.  `restart` restores a calculator from a file of ASE.
 """

@@ -215,7 +215,7 @@ class AllNeighbours(Repulsion):
 
     def bloch_gradient(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
         """The derivative of the Bloch matrix with respect to the wavevector, from differences of fourth order."""
-        h = STEP / self.bonds.lengths.min()
+        h = STEP / self.bonds.shortest
         steps = h / (2 * np.pi) * (self.reference.cell.array.T * self.reference.pbc)[: self.dim]  # one along each axis
         near, far = (np.array([self.bloch_matrix(q + n * k, model) - self.bloch_matrix(q - n * k, model) for k in steps])
                      for n in (1, 2))
@@ -255,14 +255,14 @@ def nearest_distance(atoms: Atoms) -> float:
     return float(distances_within(atoms, np.linalg.norm(own, axis=1).min() * (1 + 1e-9)).min())
 
 
-def tail_of(law: PairLaw, atoms: Atoms, spacings: float = TAIL) -> GaussianMixture | None:
-    """The law itself if it is a mixture of Gaussians, or the inverse power with its force and slope at a number of spacings.
+def tail_of(law: PairLaw, atoms: Atoms) -> GaussianMixture | None:
+    """The law itself if it is a mixture of Gaussians, or the inverse power with its force and slope at `TAIL` spacings.
 
     None if the law is not known at that distance, or if its repulsion there is zero or negligible, so that no tail is needed.
     """
     if isinstance(law, GaussianMixture):
         return law
-    r = spacings * nearest_distance(atoms)
+    r = TAIL * nearest_distance(atoms)
     try:
         force, a = -float(law.dphi(r)), float(local_exponent(law, r)) if law.dphi(r) else np.inf
     except (AttributeError, ValueError):

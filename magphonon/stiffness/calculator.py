@@ -22,7 +22,7 @@ from scipy import sparse
 
 from ..errors import Unstable, indices, one_of
 from ..interactions.bond_laws import Laws, checked_laws
-from ..lattices.bonds import Bonds, bonds_of, image_of, lengths_of, repeat_bonds
+from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
 from .matrices import (
     BROKEN_BOND,
     MODELS,
@@ -246,14 +246,12 @@ class PairCalculator(Repulsion):
     def answers(self, atoms: Atoms, properties: Any) -> dict[str, Any]:
         here = self if same_cell(self, atoms) else self.about(atoms)
         # what stays is allocated before what goes, so that no holes are left in memory
-        forces, energies, at_rest = np.zeros((len(atoms), 3)), np.zeros(len(atoms)), self._energy_at_rest
-        u = here.displacements(atoms)
+        forces, at_rest, u = np.zeros((len(atoms), 3)), self._energy_at_rest, here.displacements(atoms)
         if self.dim == 2:
             refuse_motion_out_of_the_plane(here, atoms)
         energy, gradient = here._repulsion(u)
         forces[:, : self.dim] = here._forces(u, gradient)
-        slack, h = here.slack[:, : self.dim], here.load[:, : self.dim]
-        energies += np.einsum('ix,ix->i', here.foundation * (0.5 * u + slack), u) - (h * u).sum(axis=1)
+        energies = np.einsum('ix,ix->i', 0.5 * here.foundation * u - here.offset, u)
         half = 0.5 * (energy - at_rest)
         for end in (here.bonds.i, here.bonds.j):  # half of the energy that each bond has gained since rest belongs to either end
             energies += np.bincount(end, half, len(u))
@@ -263,7 +261,7 @@ class PairCalculator(Repulsion):
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim), by minimum image in the periodic directions."""
-        return self._minimum_image(from_reference(self, atoms))[:, : self.dim]
+        return np.ascontiguousarray(self._minimum_image(from_reference(self, atoms))[:, : self.dim])
 
     def _minimum_image(self, u):
         if np.einsum('ix,ix->i', u, u).max(initial=0) > self._shortest_period**2 / 4:  # below it u is its own minimum image
@@ -293,10 +291,8 @@ class PairCalculator(Repulsion):
         bonds = self.bonds
         if (bonds.i == bonds.j).all():
             return np.zeros((bonds.particles, self.dim)), np.zeros((bonds.particles, 1))
-        gradient = self.interaction.forces(self.bond_vectors)[1]
-        strength = lengths_of(gradient)
-        sizes = np.bincount(bonds.i, strength, bonds.particles) + np.bincount(bonds.j, strength, bonds.particles)
-        return bonds.net(gradient), sizes[:, None].astype(float)
+        sizes = sum(np.bincount(end, self.bond_sizes[0], bonds.particles) for end in (bonds.i, bonds.j))
+        return bonds.net(self.interaction.forces(self.bond_vectors)[1]), sizes[:, None]
 
     @cached_property
     def slack(self) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ first with `magphonon.relaxed`.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
@@ -17,8 +17,10 @@ from scipy.special import ndtri
 
 from ..errors import finite, indices, not_negative, positive, whole
 from ..lattices.bonds import Bonds
-from .calculator import PairCalculator
 from .repulsion import repulsion_of
+
+if TYPE_CHECKING:
+    from .calculator import PairCalculator
 
 LARGEST_SCATTER = 0.2  # relative: fewer than one of 3 million sites is expected to become negative
 QUANTITIES = 'x', 'y', 'z', 'strength', 'mass', 'stiffness'

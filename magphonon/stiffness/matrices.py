@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,9 +25,11 @@ from scipy.linalg import eigh
 
 from ..errors import Diverged, one_of
 from ..interactions.bond_laws import Law, Laws, laid, laws_along
-from ..interactions.pair_laws import PairInteraction, PairLaw
 from ..lattices.bonds import Bonds, lengths_of
 from .sites import Foundation, each_spring
+
+if TYPE_CHECKING:
+    from ..interactions.pair_laws import PairInteraction, PairLaw
 
 Model = Literal['complete', 'conventional']
 MODELS: tuple[Model, ...] = ('complete', 'conventional')
@@ -52,7 +54,7 @@ class Central:
     def forces(self, R: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Energy `phi` and its gradient `phi' n`."""
         r = _lengths(R)
-        return self.law.phi(r), (self.law.dphi(r) / r)[:, None] * R
+        return self.law.phi(r), (self.law.dphi(r) / r * R.T).T
 
     def stiffness(self, R: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Eq. 3 of the paper: `D0 = phi'' n(x)n` and `D* = phi'/r (1 - n(x)n)`.
@@ -212,11 +214,9 @@ def upper_part(vectors: NDArray[np.float64], law: Law, model: Model = 'complete'
         values, n = np.linalg.eigh(model_stiffness(vectors, acting, model))
         return n * np.maximum(values, 0)[:, None] @ n.swapaxes(1, 2)
     r = _lengths(vectors)
-    along, n = np.maximum(acting.law.d2phi(r), 0), (vectors.T / r).T
+    along, n = np.maximum(acting.law.d2phi(r), 0), vectors.T / r
     across = 0 * r if model == 'conventional' else np.maximum(acting.law.dphi(r) / r, 0)
-    K = np.einsum('b,bx,by->bxy', along - across, n, n)
-    np.einsum('bxx->bx', K)[:] += across[:, None]
-    return K
+    return np.moveaxis((along - across) * n[:, None] * n + across * np.eye(len(n))[..., None], -1, 0)
 
 
 def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64], interaction: PairInteraction,
@@ -267,7 +267,8 @@ def _product(a: Any, b: Any) -> Any:
 def _lengths(R):
     """Lengths of vectors, which may be complex; ValueError if a length is zero or infinite."""
     r = np.sqrt(_product(R, R))
-    for k in np.flatnonzero(~((r.real > 0) & (r.real < np.inf)))[:1]:
+    if not (r.real.min(initial=1.0) > 0 and r.real.max(initial=1.0) < np.inf):
+        k = np.argmin((r.real > 0) & (r.real < np.inf))
         raise ValueError(f'bond {k} has the vector {R[k]} mm; a bond joins two particles at a finite distance')
     return r
 
@@ -353,8 +354,7 @@ def bloch_series(bonds: Bonds, K: NDArray[np.float64],
 
 def own_stiffness(bonds: Bonds, K: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sum of the stiffness of the bonds of each particle, shape (particles, dim, dim)."""
-    ends, each = np.concatenate([bonds.i, bonds.j]), K.reshape(len(K), -1).T
-    sums = [np.bincount(ends, np.append(x, x), bonds.particles) for x in each]
+    sums = [np.bincount(bonds.i, x, bonds.particles) + np.bincount(bonds.j, x, bonds.particles) for x in K.reshape(len(K), -1).T]
     return np.asarray(np.stack(sums, axis=-1).reshape(-1, *K.shape[1:]), float)
 
 

@@ -205,8 +205,8 @@ def _packed(every, radii, law, pressures):
 
 def near_pairs(atoms, radii, law, skin=0.0):
     """Spheres nearer than `1 + skin` times the sum of both radii: i, j, the cell of j, this sum, and the strength of the law."""
-    i, j, shift, r = pairs_within(atoms, 2 * radii.max() * (1 + skin))
-    near = r < (1 + skin) * (radii[i] + radii[j])
+    i, j, shift, R = pairs_within(atoms, 2 * radii.max() * (1 + skin))
+    near = lengths_of(R) < (1 + skin) * (radii[i] + radii[j])
     i, j = i[near], j[near]
     return i, j, shift[near], radii[i] + radii[j], law.between(radii[i], radii[j])
 

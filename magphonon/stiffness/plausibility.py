@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import finite, not_negative, shown
-from .matrices import sizes
 
 if TYPE_CHECKING:
 
@@ -55,8 +54,7 @@ EPS = np.finfo(float).eps
 
 def _stiffest(calc: Repulsion) -> tuple[float, float]:
     """Stiffness in N/mm of the stiffest bond, and of the stiffest spring of a site."""
-    return (float(sizes(calc.bonds.vectors[:, : calc.dim], calc.interaction)[1].max(initial=0.0)),
-            float(np.max(abs(np.asarray(calc.foundation)))))
+    return float(calc.bond_sizes[1].max(initial=0.0)), float(np.max(abs(np.asarray(calc.foundation))))
 
 
 def frequency_scale(calc: Repulsion) -> float:
@@ -93,7 +91,7 @@ def _warn(what, mend):
 def warn_of_units(calc: Repulsion) -> None:
     """Warn of masses and of springs in other units, and of frequencies beyond FREQUENCIES_Hz; say what was probably meant."""
     f, (least, most) = frequency_scale(calc), FREQUENCIES_Hz
-    masses, shortest = calc.reference.get_masses(), calc.bonds.lengths.min(initial=np.inf)
+    masses, shortest = calc.reference.get_masses(), calc.bonds.shortest
     _warn_of_masses(masses.min(), masses.max(), shortest)
     _warn_of_turning_and_layers(calc)
     if not f or least <= f <= most:
@@ -128,7 +126,7 @@ def _warn_of_stiffness(calc, shortest, bond, spring, has_units):
     if WEAK[0] * spring < bond < WEAK[1] * spring:
         _warn(f'the stiffest bond has {bond:.3g} N/mm beside a foundation of {spring:.6g} N/mm',
               'if b of the law was meant in N m^a, give b * units.N * units.m**a')
-    force = float(sizes(calc.bonds.vectors[:, : calc.dim], calc.interaction)[0].max(initial=0.0))
+    force = float(calc.bond_sizes[0].max(initial=0.0))
     if not force > PRESSURE * shortest**2 or not _repel(calc):
         return
     what, a = f'a force of {force:.3g} N between particles {shortest:.6g} mm apart is more than magnets can have', bond / force
@@ -188,7 +186,7 @@ def warn_of_times(calc: Any, last: float, timestep: bool = False) -> None:
 def warn_of_speed(calc: Any, velocities: NDArray[np.float64]) -> None:
     """Warn of velocities in mm/ms that would move a particle beyond a bond, and were probably typed in mm/s."""
     fastest, scale = float(np.sqrt((velocities**2).sum(axis=-1).max(initial=0.0))), _scale(calc)
-    if scale and HASTY < fastest / (scale * calc.bonds.lengths.min()) < HASTY * units.s:
+    if scale and HASTY < fastest / (scale * calc.bonds.shortest) < HASTY * units.s:
         _warn(f'a velocity of {fastest:.4g} mm/ms would move a particle by {fastest / scale:.3g} mm, beyond its neighbours',
               f'if {fastest:.4g} mm/s was meant, give {fastest:.4g} * units.mm / units.s')
 
@@ -196,7 +194,7 @@ def warn_of_speed(calc: Any, velocities: NDArray[np.float64]) -> None:
 def warn_of_amplitude(calc: Any, displacements: NDArray[np.float64]) -> None:
     """Warn of a linear answer that moves particles by more than the shortest bond."""
     most = float(abs(displacements).max(initial=0.0))
-    if most > (shortest := calc.bonds.lengths.min()):
+    if most > (shortest := calc.bonds.shortest):
         _warn(f'particles move by up to {most:.3g} mm, more than the {shortest:.6g} mm between them, where linear theory fails',
               f'take forces {most / (0.01 * shortest):.2g} times smaller for a hundredth of the spacing, or DrivenVerlet')
 
@@ -223,7 +221,7 @@ def warn_of_hertz(calc: Repulsion, omega: NDArray[np.float64]) -> None:
 def refuse_infinite(calc: PairCalculator) -> None:
     """Refuse a law whose force or stiffness at some bond is not a finite number."""
     bonds = calc.bonds
-    for what, unit, value in zip(('force', 'stiffness'), ('N', 'N/mm'), sizes(calc.bond_vectors, calc.interaction), strict=True):
+    for what, unit, value in zip(('force', 'stiffness'), ('N', 'N/mm'), calc.bond_sizes, strict=True):
         for b in np.flatnonzero(~np.isfinite(value))[:1]:
             raise ValueError(f'the law {shown(calc.laws)} gives the {what} {value[b]} {unit} at the distance '
                              f'{bonds.lengths[b]:g} mm of the particles {bonds.i[b]} and {bonds.j[b]}; check its parameters and '

@@ -16,7 +16,7 @@ from ase import Atoms
 from scipy import sparse
 from scipy.optimize import minimize
 
-from ..errors import Unstable, positive, whole
+from ..errors import Unstable, whole
 from ..interactions.bond_laws import laws_of
 from ..interactions.pair_laws import Spring
 from ..lattices.bonds import Bonds, pairs_within
@@ -24,7 +24,7 @@ from ..traits import LINEAR, takes
 from ..units import hertz
 from .factors import inverse
 from .lowest import lowest_mode
-from .matrices import BROKEN_BOND, hessian, model_stiffness, signed_root, sizes
+from .matrices import BROKEN_BOND, hessian, model_stiffness, signed_root
 from .repulsion import repulsion_of
 from .rest import LinearSystem, freedom
 
@@ -98,15 +98,13 @@ class Relaxation:
 
 
 @takes(*LINEAR)
-def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Relaxation:
+def relaxed(atoms: Atoms, steps: int = 1000) -> Relaxation:
     """Move the free particles of a structure to a stable equilibrium.
 
     Parameters
     ----------
     atoms : ase.Atoms
         With its PairCalculator of either model, because static forces are the same in both. Constraints remain in force.
-    tolerance : float
-        Largest force that may remain, as a fraction of the largest bond force.
     steps : int
         Largest number of steps of the minimiser for each equilibrium.
 
@@ -126,7 +124,7 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
     >>> round(rest.shift, 2), bool(rest.after < 1e-9 * rest.before)
     (0.09, True)
     """
-    calc, tolerance, steps = repulsion_of(atoms), positive('tolerance', tolerance), whole('steps', steps)
+    calc, steps = repulsion_of(atoms), whole('steps', steps)
     descent = _Descent(atoms, calc)
     y, taken = np.zeros(descent.P.shape[1]), 0
     before, lowest, highest = descent.residual(y), 0.0, 0.0
@@ -134,7 +132,7 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
         if descent.residual(y) > RESIDUAL * descent.force:
             y, used = descent.to_rest(y, steps)
             taken += used
-        if not descent.residual(y) <= tolerance * descent.force:
+        if not descent.residual(y) <= RESIDUAL * descent.force:
             _refuse_verge(lowest, highest, atoms)
             raise Unstable(f'after {taken} steps {descent.residual(y):.3g} N still act on a particle, {before:.3g} N at first: '
                              f'the structure buckles or slides; {MEND}')
@@ -153,8 +151,8 @@ def enough_foundation(atoms: Atoms) -> tuple[float, float]:
     `STEP`, with which it stays in place.
     """
     calc = repulsion_of(atoms)
-    force, _ = sizes(calc.bond_vectors, calc.interaction)
-    weak = calc.foundation if np.any(calc.foundation) else LEAST * force.max() / calc.bonds.lengths.min()
+    force, _ = calc.bond_sizes
+    weak = calc.foundation if np.any(calc.foundation) else LEAST * force.max() / calc.bonds.shortest
     while True:  # infinitely stiff springs hold every structure
         stiffer = atoms.copy()
         stiffer.calc = calc.about(atoms, foundation=STEP * weak)
@@ -183,8 +181,8 @@ class _Descent:
         self.given, self.atoms = calc, self.calc.reference.copy()
         self.atoms.calc = self.calc
         self.masses = self.P.power(2).T @ np.repeat(atoms.get_masses(), calc.dim)  # guides may be oblique
-        self.length = self.calc.bonds.lengths.min()
-        force, stiffness = sizes(self.calc.bond_vectors, self.calc.interaction)
+        self.length = self.calc.bonds.shortest
+        force, stiffness = self.calc.bond_sizes
         self.force = max(force.max(), SLACK * self.length * stiffness.max())
         if not self.force:
             raise ValueError('no force acts between the particles: at the lengths of all bonds the law has neither force nor '

@@ -10,20 +10,25 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from ase import Atoms
 from ase.calculators.calculator import Calculator, all_changes
+from ase.constraints import dict2constraint
 from numpy.typing import NDArray
 
-from ..errors import one_of, positive
-from ..interactions.bond_laws import laws_of
-from .restartable import from_dict, to_dict
+from ..errors import one_of, positive, shown
+from ..interactions.bond_laws import laws_from_dict, laws_of, laws_to_dict
+from ..lattices.bonds import Bonds, vectors_between
+from .matrices import sizes
 from .sites import FLAT, Foundation, Sites, each_spring, gyration_blocks, height
 from .supercells import NEAR, fitted, jumped, refuse_another_order
 
 if TYPE_CHECKING:
     from ..interactions.bond_laws import Laws
     from ..interactions.pair_laws import PairInteraction, PairLaw
-    from ..lattices.bonds import Bonds
     from .calculator import PairCalculator
     from .matrices import Model
+
+UNITS = 'mm, g, ms'  # the units of all numbers of a saved calculator
+REFERENCE = 'numbers', 'positions', 'cell', 'pbc', 'masses', 'constraints'  # of a reference, and its tags
+BONDS = 'i', 'j', 'shift', 'cutoff'
 
 
 class Repulsion(Calculator):
@@ -96,7 +101,13 @@ class Repulsion(Calculator):
 
     def todict(self, skip_default: bool = True) -> dict[str, Any]:
         """Everything that the forces depend on, for ASE's files and databases; `fromdict` restores the calculator from it."""
-        return to_dict(self)
+        own = vars(self.sites)
+        parts = {name: own[name] if name in own else getattr(self, name) for name in (*self.saved, *self.seldom)}
+        parts = {name: value for name, value in parts.items() if name in self.saved or np.any(value)}
+        if 'bonds' in parts:  # their vectors follow from the reference
+            parts['bonds'] = {name: getattr(parts['bonds'], name) for name in BONDS}
+        return {'calculator': type(self).__name__, 'units': UNITS, 'reference': _reference_to_dict(self.reference),
+                'potential': laws_to_dict(self.laws), **parts}
 
     @classmethod
     def fromdict(cls, parameters: dict[str, Any], laws: Laws | None = None) -> Self:
@@ -109,7 +120,15 @@ class Repulsion(Calculator):
         laws : PairLaw, or mapping from pairs of kinds to PairLaw, optional
             Replaces the laws in the dictionary; needed for a law that is not part of this package.
         """
-        return from_dict(cls, parameters, laws)
+        name = cls.__name__
+        given = _checked(cls, name, parameters)
+        names = *cls.saved, *(name for name in cls.seldom if name in given)
+        for none in [key for key in names if given[key] is None][:1]:
+            raise ValueError(f'the entry {none} of the saved {name} is empty; write it again')
+        reference = _reference_from_dict(given['reference'])
+        parts: Any = {key: _bonds_from_dict(given[key], reference) if key == 'bonds' else given[key] for key in names}
+        make: Any = cls
+        return make(reference, laws_from_dict(given['potential']) if laws is None else laws, **parts)
 
     def answers(self, atoms: Atoms, properties: Any) -> dict[str, Any]:
         """Energy, forces and other requested `properties` of the displaced or strained reference, by name."""
@@ -118,7 +137,9 @@ class Repulsion(Calculator):
     def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
         if atoms is not None and jumped(self, atoms):
             refuse_another_order(self, atoms)
-        super().calculate(atoms, properties, system_changes)
+        if atoms is not None:  # what `super().calculate` does, but constraints, which take longest to copy, are shared
+            self.atoms = Atoms(cell=atoms.cell, pbc=atoms.pbc, constraint=atoms.constraints)
+            self.atoms.arrays = {name: values.copy() for name, values in atoms.arrays.items()}
         calc, atoms = fitted(self, self.atoms)  # of the reference, or of a supercell of it in any order
         self.results = calc.answers(atoms, properties)
         self.seen = self.atoms.positions
@@ -126,7 +147,12 @@ class Repulsion(Calculator):
     @cached_property
     def near(self) -> float:
         """Displacement in mm beyond which the nearest site may belong to another particle."""
-        return float(NEAR * self.bonds.lengths.min(initial=np.inf))
+        return NEAR * self.bonds.shortest
+
+    @cached_property
+    def bond_sizes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Size of the force of each bond at rest in N, and of its stiffness against stretching in N/mm."""
+        return sizes(self.bonds.vectors[:, : self.dim], self.interaction)
 
     @cached_property
     def supercells(self) -> list[Any]:
@@ -220,7 +246,7 @@ class Repulsion(Calculator):
     @property
     def layer(self) -> bool:
         """Whether the particles of a planar structure may move out of the plane, each on its own support."""
-        flat = height(self.reference, self.bonds) <= FLAT * self.bonds.lengths.min(initial=np.inf)
+        flat = height(self.reference, self.bonds) <= FLAT * self.bonds.shortest
         return self.dim == 3 and not self.reference.pbc.all() and flat
 
     def in_plane(self) -> Any:
@@ -278,3 +304,49 @@ def masses_of(atoms: Atoms) -> NDArray[np.float64]:
     for k in np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))[:1]:
         positive(f'mass of particle {k}', masses[k], 'g')
     return masses
+
+
+def _checked(cls, name, parameters):
+    """The parameters of a calculator of this class, in its units."""
+    of = parameters.get('calculator') if isinstance(parameters, dict) else None
+    if of is None:
+        raise ValueError(f'the parameters of {name} must be a dictionary from {name}.todict(), not {shown(parameters)}')
+    if of != name:
+        raise ValueError(f'these are parameters of {of}, not of {name}; take {of}.fromdict, or stiffness.restored(atoms)')
+    given = _table(f'the saved {name}', parameters, ('units', 'reference', 'potential', *cls.saved))
+    if given['units'] != UNITS:
+        raise ValueError(f'the saved {name} has numbers in {shown(given["units"])}, not in {UNITS}; convert them first')
+    return given
+
+
+def _table(name, given, entries):
+    """The given dictionary, or ValueError unless it has these entries."""
+    if not isinstance(given, dict):
+        raise ValueError(f'{name} must be a table of {", ".join(entries)}, not {shown(given)}')
+    if missing := [entry for entry in entries if entry not in given]:
+        raise ValueError(f'{name} lacks {", ".join(missing)}; write it again with this version')
+    return given
+
+
+def _reference_to_dict(atoms):
+    """Rest positions, cell, masses, tags and constraints; other arrays are left out."""
+    parts = {'numbers': atoms.numbers, 'positions': atoms.positions, 'cell': atoms.cell.array, 'pbc': atoms.pbc,
+             'masses': atoms.get_masses(), 'constraints': [constraint.todict() for constraint in atoms.constraints]}
+    return parts | ({'tags': atoms.get_tags()} if atoms.has('tags') else {})
+
+
+def _reference_from_dict(given):
+    parts = _table('the entry reference', given, REFERENCE)
+    try:
+        atoms = Atoms(**{name: parts[name] for name in REFERENCE if name != 'constraints'}, tags=parts.get('tags'))
+        atoms.set_constraint([dict2constraint(constraint) for constraint in parts['constraints']])
+    except Exception as error:  # ASE raises errors of all kinds for damaged data
+        raise ValueError(f'the entry reference cannot be read ({error}); write the calculator again') from error
+    return atoms
+
+
+def _bonds_from_dict(given, reference):
+    parts = _table('the entry bonds', given, BONDS)
+    i, j, shift = (np.asarray(parts[name], int) for name in ('i', 'j', 'shift'))
+    shift = shift.reshape(-1, 3)  # of none the files keep no shape
+    return Bonds(i, j, shift, vectors_between(reference, i, j, shift), len(reference), parts['cutoff'])

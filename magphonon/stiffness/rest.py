@@ -9,6 +9,7 @@ Static forces are the same in all models: the force of a bond at its present len
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +25,7 @@ from ..errors import NotAtRest, indices
 from ..lattices.bonds import lengths_of
 from ..traits import refuse, running
 from .calculator import PairCalculator, same_cell
-from .matrices import Model, growth, mass_weighted, sizes
+from .matrices import Model, growth, mass_weighted
 from .repulsion import Repulsion, masses_of, repulsion_of
 
 ROUND_OFF = 1e-11  # fraction of the cancelling forces below which their sum is round-off
@@ -111,7 +112,7 @@ class LinearSystem:
         freedom(atoms)
         sums: Any = atoms.calc
         away = np.linalg.norm(sums.displacements(atoms), axis=1).max()
-        if away > ROUND_OFF * sums.bonds.lengths.min():
+        if away > ROUND_OFF * sums.bonds.shortest:
             raise NotAtRest(f'particles are up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold only '
                             'there; make a new AllNeighbours at these positions')
         return cls.about(sums, atoms).balanced()
@@ -221,7 +222,7 @@ class LinearSystem:
         if not forces.any() or not (left := lengths_of(self._along_free(forces))).any():
             return np.zeros(len(self))
         calc: Any = self.atoms.calc
-        shaken = PLACES * max(abs(calc.reference.positions).max(), calc.bonds.lengths.max(initial=0.0))  # in mm
+        shaken = PLACES * max(abs(calc.reference.positions).max(), calc.bonds.longest)  # in mm
         force, stiffness = self._largest
         return left * (left > max(BALANCED * force, shaken * stiffness))
 
@@ -235,8 +236,7 @@ class LinearSystem:
     def _largest(self):
         """Largest force of a bond in N, and largest stiffness in N/mm; with AllNeighbours only the nearest bonds count."""
         calc: Any = self.atoms.calc
-        force, stiffness = sizes(calc.bonds.vectors[:, : self.dim], calc.interaction)
-        return force.max(initial=0.0), stiffness.max(initial=0.0)
+        return tuple(size.max(initial=0.0) for size in calc.bond_sizes)
 
     @cached_property
     def free(self) -> sparse.csr_array:
@@ -343,6 +343,11 @@ class LinearSystem:
 
         return proves_stable(self) or none_negative(self.K)
 
+    def proved(self, proof: Callable[[], bool]) -> None:
+        """Keep that the structure is `stable`, if that is not known and a cheaper `proof` than those here shows it."""
+        if 'stable' not in vars(self) and proof():
+            vars(self)['stable'] = True
+
     def growth(self, damping: ArrayLike = 0.0) -> float:
         """Rate in 1/ms of the mode that grows fastest, zero if none does; gyration may hold a structure that stiffness does not.
 
@@ -381,7 +386,7 @@ def static_forces(calc: PairCalculator, push: Any = 0.0) -> NDArray[np.float64]:
     however small.
     """
     (pull, strength), springs = calc.bond_forces, calc.spring_forces
-    total, size = springs - pull, 2 * abs(springs).max(axis=1)[:, None] + strength
+    total, size = springs - pull, 2 * np.maximum.reduce(abs(springs.T))[:, None] + strength
     total[abs(total) <= ROUND_OFF * size] = 0
     for given in (calc.load, push) if np.ndim(push) else (calc.load,):
         if not given.any():

@@ -55,7 +55,7 @@ def sites_of(calc: Repulsion, atoms: Atoms) -> Atoms:
     images = np.indices((3, 3, 3)).reshape(3, -1).T - 1
     inside = np.floor(at).astype(int)
     away, found = KDTree((sites + (images @ cell)[:, None]).reshape(-1, 3)).query((at - inside) @ cell)
-    bond = calc.bonds.lengths.min()
+    bond = calc.bonds.shortest
     for k in np.flatnonzero(~(away <= NEAR * bond))[:1]:
         raise ValueError(f'particle {k} is {away[k]:.4g} mm from the nearest site of the lattice, more than half the shortest '
                          f'bond of {bond:.4g} mm, so its site is ambiguous; use calculator.on(supercell) with the '

@@ -23,7 +23,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
@@ -37,8 +37,10 @@ from ..bands.bands import group_velocities
 from ..bands.bloch import bloch_modes, branch_names, first_zone
 from ..results import InHertz, Saved
 from .ridge_tables import FIELD, RidgePoints
-from .scans import Scan
 from .spectrum import FEWEST, FIRST, GHOST, LEAST_CONTRAST, LEAST_POWER, NORMAL, hann, without_drift
+
+if TYPE_CHECKING:
+    from .scans import Scan
 
 PAD = 2  # zero padding in time
 MAPPED = 61  # wavevectors along each axis at which the motion at one frequency is taken

@@ -17,21 +17,24 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from ..bands.bloch import bloch_modes
-from ..dynamics.motion import Motion
 from ..errors import finite, one_of
 from ..results import InHertz
 from ..stiffness.matrices import MODELS, Model
 from ..traits import LINEAR, takes
 from .rows import Row, row_of
-from .scans import Scan
 from .spectrum import LEAST_POWER, NORMAL, RESOLVED, Ridge, Spectrum, ridge, wavenumber_frequency, without_drift
 from .wave_source import across_and_along, polarisations, wavevector
+
+if TYPE_CHECKING:
+    from ..dynamics.motion import Motion
+    from .scans import Scan
 
 BRANCH_POINTS = 2001
 """Number of samples of a branch; linear interpolation between them is accurate to 1e-6 of its highest frequency."""

@@ -120,14 +120,6 @@ def test_sound_speeds_are_the_slopes_at_small_k(name, model, shells):
 # Paths
 
 
-@pytest.mark.parametrize('name', ['square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc', 'chain'])
-def test_paths_stay_on_the_very_cell(name):
-    atoms = lattice(name)
-    atoms.rotate(20, 'z', rotate_cell=True)
-    path = path_of(atoms, atoms.cell.bandpath(npoints=30, pbc=atoms.pbc))
-    np.testing.assert_array_equal(path.cell.array, atoms.cell.array)
-
-
 @pytest.mark.parametrize('lengths', [(12, 10), (10, 12)])
 def test_a_path_whose_vectors_ase_swapped_follows_those_of_the_atoms(lengths):
     atoms = Atoms('X', [[0, 0, 0]], cell=[*lengths, 20], pbc=(True, True, False), masses=[1.0])

@@ -5,10 +5,10 @@ import pytest
 from ase import Atoms
 from structures import few_first
 
-from magphonon import InversePower, MagneticRepulsion, lattices, magnet_law, read_scene
+from magphonon import InversePower, MagneticRepulsion, lattices, read_scene
 from magphonon.bands import converged_shells, neighbour_shifts
 from magphonon.bands.neighbours import whole_reach
-from magphonon.interactions import Overlap, Ring, Tabulated, UprightMagnets, Yukawa
+from magphonon.interactions import Overlap, Tabulated, UprightMagnets, Yukawa
 from magphonon.lattices.bonds import bonds_within
 
 FAR = {1: 4000, 2: 80, 3: 18}  # cells to every side of the plain sum, by the number of periods
@@ -112,18 +112,6 @@ def test_enough_on_each_side_of_the_tolerance(kind, seed):
     if found.shells > 1:
         one_less = bonds_within(cell, found.cutoff).lengths.max() * (1 - 1e-6)
         assert largest_error(plain_sum(cell, derivatives, k, q, one_less), exact) > tolerance - 2e-4
-
-
-@pytest.mark.parametrize('law', [magnet_law(Ring(5.0, 0.0, 5.0, 1.0)), magnet_law(Ring(6.35, 1.5875, 3.175, 1.0))],
-                         ids=['disc', 'ring'])
-@pytest.mark.parametrize('kind', ['chain', 'triangular', 'honeycomb'])
-def test_magnets_by_their_shape(kind, law):
-    cell, q = getattr(lattices, kind)(10.0, 0.8), np.array([[0.5, 0, 0], [0.31, 0, 0]])
-    k = 0.2 * law.d2phi(10.0)
-    cell.calc = MagneticRepulsion(cell, law, foundation=k)
-    exact = plain_sum(cell, lambda r: (law.dphi(r), law.d2phi(r)), k, q)
-    np.testing.assert_allclose(neighbour_shifts(cell, q).every, exact, rtol=3e-5)
-    assert abs(neighbour_shifts(cell, q).omega / exact - 1).max() > 5e-3  # the control
 
 
 @pytest.mark.parametrize('kind', ['triangular', 'honeycomb'])

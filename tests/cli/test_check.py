@@ -25,7 +25,7 @@ SCENES = {
         'a cut-off frequency of 26.5507 Hz']),  # sqrt(19.6757 N/m / 0.70698 g)/2 pi
     'chain on springs': ('chain', {}, FINE, [
         'Stable in the plane: the foundation of 5e+04 N/m is 25 % more than the 4e+04 N/m needed.',
-        'down to a spacing of 0.9564 m']),  # 4 f/L0 = 4e4 s^-5 = 5e4
+        'below a spacing of 0.9564 m']),  # 4 f/L0 = 4e4 s^-5 = 5e4
     'chain on too soft springs': ('chain', {'5e4': '3e4'}, BAD, [
         'Lattice: UNSTABLE (1 problem)', 'buckles in the plane, with the softest mode at q = (0.5, 0, 0)',
         'grows e-fold in 0.01 s',  # sqrt((4e4 - 3e4)/1 kg) = 100/s

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ridge_lattices import cantilever
 
 from workflows import built_device, demultiplexer
 from workflows.built_device import DIAMETER, EXPONENT, MAGNET, ROD, SPRING, B, Device
@@ -122,8 +123,8 @@ def test_the_lens_of_the_gallery(tmp_path, monkeypatch):
     lens = Device(calc.anchors[:, :2] / 1e3, atoms.get_masses() / 1e3, calc.strengths, 1e3 * calc.foundation[:, 0],
                   np.isin(np.arange(len(atoms)), atoms.constraints[0].index), reach=0.045)
     K, free = lens.stiffness()
-    omega, push = 2 * np.pi * 70, np.isin(free, [2 * one.particle + 1 for one in found['row']])  # each along y
-    u = np.linalg.solve(K + (4j * omega - omega**2) * np.diag(np.repeat(lens.m, 2)[free]), push)
+    push = np.isin(free, [2 * one.particle + 1 for one in found['row']])  # each along y
+    u = np.linalg.solve(K + np.diag(lens.moving(2 * np.pi * 70)[0, free]), push)
     energy = np.zeros(2 * len(atoms))
     energy[free] = abs(u) ** 2
     loud, quiet = (energy.reshape(-1, 2)[some].sum() for some in (found['focus'], np.setdiff1d(found['far'], found['focus'])))
@@ -180,6 +181,8 @@ def test_forty_hertz(reach, tmp_path, monkeypatch, capsys):
         given = {'spacing': 10.0, 'exponent': 4.5824, 'height': 150.0} | {line[4]: float(line[5].rstrip(','))}
         L, a, h = given['spacing'] / 1e3, given['exponent'], given['height'] / 150
         a1, a2 = L * np.array([[1.0, 0.0], [0.5, 3**0.5 / 2]])
-        [lowest, _], _ = branches(np.zeros((1, 2)), a1, a2, 7.07e-4 + 1.89e-4 * h * np.ones(1), np.ones(1),
-                                  19.676 / h**3 * np.ones(1), 0.2369 * 0.01**a, a, reach * L, np.array([0.5, 0]))
+        k = 19.676 / h**3
+        k = k * cantilever(3 * 8.02e-4 * h * (80 * np.pi) ** 2 / k) * np.ones(1)  # at 40 Hz
+        [lowest, _], _ = branches(np.zeros((1, 2)), a1, a2, 7.07e-4, np.ones(1), k, 0.2369 * 0.01**a, a, reach * L,
+                                  np.array([0.5, 0]))
         assert lowest == pytest.approx(40, abs=0.1)  # four digits are printed

@@ -68,16 +68,6 @@ def test_frequency_slopes_are_those_of_lattices_built_anew(law, kind, model):
     assert abs(other - slopes)[0].max() > 1e-2 * abs(omega).max()  # by the spacing; the control
 
 
-def test_spacing_alone_without_foundation_goes_with_half_of_a_plus_one():
-    """omega^2 = c(q) f(L0)/(L0 M) with f = b L0^-a: d ln omega/d ln L0 = -(a + 1)/2 for every mode, 2.79 for the prototype."""
-    law = InversePower(1.6e-10 * units.m**4.5824, 4.5824)
-    cell = lattices.triangular(10.0, 0.7)
-    cell.calc = MagneticRepulsion(cell, law)
-    omega, (slope,) = frequency_sensitivities(cell, Q, [StiffnessDerivative(law=spacing_change(law))])
-    assert_allclose(slope[1:], -2.7912 * omega[1:], rtol=1e-12)
-    assert_allclose(slope[0], 0, atol=0)  # a translation of the whole lattice, whatever the spacing
-
-
 def test_branches_that_symmetry_unites_have_one_slope():
     """At (1/2, 1/2) of the square lattice both modes have the stiffness 4 (phi'' + phi'/r)."""
     law = InversePower(1.0, 4.0)

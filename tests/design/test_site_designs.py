@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms
-from ridge_lattices import cantilever
+from ridge_lattices import shaken_on_rods
 from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, lattices, read_scene, relaxed
 from magphonon.design import BandEdge, Contrast, Errors, optimise, verify, write_build_list
-from magphonon.design.site_designs import Structure, Variables
+from magphonon.design.site_designs import Structure
 from magphonon.errors import Unstable
 from magphonon.response import Dof, harmonic_response
 from magphonon.scenes.tolerances import Uncertainty
@@ -41,7 +41,6 @@ def contrast(atoms):
 def test_a_design_is_better_stable_at_rest_and_repeats():
     atoms = patch()
     design, again = (optimise(atoms, contrast(atoms), OVER, steps=15, seed=3) for _ in range(2))
-    assert abs(design.before[0]) < 1e-6  # by symmetry
     assert design.value > 20
     np.testing.assert_array_equal(design.x, again.x)
     # by the package's other minimiser and its own responses
@@ -55,7 +54,6 @@ def test_a_design_is_better_stable_at_rest_and_repeats():
     strengths = design.values['strength']
     assert 0.85 <= strengths.min() <= strengths.max() <= 1.15
     assert (strengths[atoms.constraints[0].index] == 1).all()
-    assert list(design.history) == sorted(design.history)
 
 
 def test_what_d0_alone_would_have_promised():
@@ -90,17 +88,8 @@ def test_a_design_of_parts_that_can_be_bought():
     # the moving mass follows the rod
     rods = design.values['rod'][free]
     np.testing.assert_allclose(design.atoms.get_masses()[free], 0.6 + 0.1 * rods**2, rtol=1e-12)
+    np.testing.assert_allclose(design.atoms.arrays['rod_masses'][free], 0.1 * rods**2, rtol=1e-12)
     np.testing.assert_allclose(design.atoms.calc.foundation[free, 0], 0.02 * rods**4, rtol=1e-12)
-    middle = np.array(design.history)
-    assert middle[-5:].mean() > middle[:5].mean()
-    # from where on its rods are no springs: a cantilever with 33/140 of its mass is right to 0.3 % of its weight up to x = 5
-    [words] = [line for line in design.words if 'Rods count as springs' in line]
-    omega = 2e-3 * np.pi * float(words.partition('below ')[2].split()[0])
-    x = 3 * 0.1 * 140 / 33 * rods**2 * omega**2 / (0.02 * rods**4)
-    assert x.max() == pytest.approx(5, rel=1e-3)
-    assert abs(cantilever(x) - 1 + 33 / 420 * x).max() < 0.003 * x.max() / 3 < abs(cantilever(4 * x) - 1 + 33 / 105 * x).max()
-    light = replace(design, variables=Variables(Structure(patch(20.0)), {'rod': (0.95, 1.05)}, rod_mass=1e-3), x=np.zeros(7))
-    assert not any('Rods' in line for line in light.words)
 
 
 @pytest.mark.slow
@@ -134,8 +123,9 @@ def test_copies_are_those_of_the_errors():
 
 
 def test_verified_copies_are_structures_that_come_to_rest_again():
-    """Each copy by the package's other minimiser, with the deviations of the same random numbers."""
-    atoms = patch(20.0)
+    """Each copy by the package's other minimiser, on rods that are beams, with the deviations of the same random numbers."""
+    atoms, rods = patch(20.0), np.full(19, 0.15)  # 3 m omega^2/k is 15
+    atoms.set_array('rod_masses', rods)
     errors = Errors(force_percent=2.0, spacing_percent=0.5, exponent=0.1, each_strength_percent=2.0, each_stiffness_percent=3.0,
                     each_foot_mm=0.2)
     target = Contrast(Dof(9, X), [8], [10], 0.4, 0.02)
@@ -149,12 +139,11 @@ def test_verified_copies_are_structures_that_come_to_rest_again():
         built.calc = MagneticRepulsion(built, law, bonds=atoms.calc.bonds.at(built), strengths=draw.strength,
                                        foundation=0.02 * draw.spring[:, None] * [1, 1])
         built = relaxed(built).atoms
-        h = harmonic_response(built, Dof(9, X).force(len(atoms)), [0.4], 0.02).response[0]
+        h = shaken_on_rods(built, Dof(9, X).force(len(atoms)), 0.4, 0.02, rods * np.sqrt(draw.spring))
         assert value == pytest.approx(10 * np.log10((abs(h[8]) ** 2).sum() / (abs(h[10]) ** 2).sum()), abs=1e-4)
     assert len(free) == 7
     for percent, below in ((0, 3), (50, 2), (75, 1), (80, 0), (100, 0)):  # so many of four copies may be worse
         assert found.reached(percent) == sorted(found.values[:, 0])[below]
-        assert found.share_above(found.reached(percent) - 1e-9) >= percent / 100
     assert replace(found, values=np.arange(5.0)[:, None]).reached(80) == 1  # four of five
     with pytest.raises(ValueError, match='percent must be a number from 0 to 100, not 120'):
         found.reached(120)
@@ -183,6 +172,7 @@ def test_a_build_list_is_the_structure(tmp_path):
         'title = "built"\n[lattice]\nkind = "file"\nfile = "list.csv"\npositions = "anchors"\ncutoff_m = 0.0115\n'
         f'[law]\nkind = "inverse_power"\nb_N_m_a = {LAW.b * 1e-3**LAW.a!r}\na = {LAW.a}\nshells = 1\n')
     built = read_scene(tmp_path / 'built.toml').atoms()
+    built.set_array('rod_masses', design.atoms.arrays['rod_masses'])
     assert design.targets[0].value(built) == pytest.approx(design.value, abs=1e-4)
     with pytest.raises(ValueError, match='no place for a cell, for heights, for springs that differ along x and y'):
         write_build_list(tmp_path / 'oval.csv', patch(20.0, [[0.02, 0.03]]))
@@ -212,7 +202,7 @@ def test_a_design_that_buckles_is_never_returned(foundation):
             optimise(atoms, soften, {'spring': (0.9, 1.0)}, steps=5)
         return
     design = optimise(atoms, soften, {'spring': (0.1, 1.0)}, steps=5)
-    assert design.value > design.before[0]
+    assert design.value > soften.value(atoms)
     atoms = design.atoms
     springs = np.asarray(atoms.calc.foundation)
     assert critical_foundation(atoms)[0] <= springs.min() + 1e-9

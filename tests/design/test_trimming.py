@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ridge_lattices import shaken_on_rods
 
 from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.design import Contrast, Errors, trim
 from magphonon.design.least_squares import Before
 from magphonon.design.site_designs import Structure
 from magphonon.design.trimming import _Copy
-from magphonon.response import Dof, harmonic_response
+from magphonon.response import Dof
 from magphonon.response.transfer_functions import TransferFunction
 
 LAW = InversePower(b=6200.0, a=4.5824)
@@ -20,9 +21,10 @@ SOURCE, PORTS, OMEGA, DAMPING = 9, (13, 14), np.linspace(0.3, 0.6, 15), 0.02
 X, Y = np.eye(3)[:2]
 
 
-def designed():
+def designed(rod=0.15):
     patch = lattices.hexagon(lattices.triangular(10.0, 0.7), 20.0)
     patch.calc = MagneticRepulsion(patch, LAW, cutoff=21.0, foundation=0.02)
+    patch.set_array('rod_masses', np.full(19, rod))  # 3 m omega^2/k is 9 to 34
     return patch
 
 
@@ -36,13 +38,19 @@ def built(patch, parts):
     return relaxed(copy).atoms
 
 
+def shaken(atoms, omega):
+    """Responses on rods that are beams and as thick as stiff."""
+    rods = 0.15 * np.sqrt(np.broadcast_to(atoms.calc.foundation, (19, 2))[:, 0] / 0.02)
+    return np.array([shaken_on_rods(atoms, Dof(SOURCE, X).force(len(atoms)), one, DAMPING, rods) for one in omega])
+
+
 def measured(atoms, rng, noise=2e-3):
-    h = harmonic_response(atoms, Dof(SOURCE, X).force(len(atoms)), OMEGA, DAMPING).response
+    h = shaken(atoms, OMEGA)
     sigma = noise * abs(h).max()
     found = []
     for port in PORTS:
         for along in (X, Y):
-            heard = h[:, port] @ along + sigma * (rng.normal(size=len(OMEGA)) + 1j * rng.normal(size=len(OMEGA)))
+            heard = h[:, port] @ along[:2] + sigma * (rng.normal(size=len(OMEGA)) + 1j * rng.normal(size=len(OMEGA)))
             found.append(TransferFunction(f'{port}', OMEGA, heard, sigma, drive=Dof(SOURCE, X), answer=Dof(port, along)))
     return found
 
@@ -65,7 +73,7 @@ def test_other_copies(seed):
 def decibels(atoms):
     """The worst contrast for a source as far off its frequency as its error says."""
     off = np.exp(ERRORS.frequency_percent / 100 * 3**0.5 * np.array([-1, 0, 1]))
-    h = harmonic_response(atoms, Dof(SOURCE, X).force(len(atoms)), TARGET.omega * off, DAMPING).response
+    h = shaken(atoms, TARGET.omega * off)
     loud, quiet = ((abs(h[:, port]) ** 2).sum(1) for port in PORTS)
     return (10 * np.log10(loud / quiet)).min()
 
@@ -91,12 +99,16 @@ def test_slopes_are_those_of_differences():
     """By every deviation of a copy and by the damping; those by the frequency and the exponent are zero by definition."""
     patch, rng = designed(), np.random.default_rng(5)
     structure = Structure(patch)
-    copy = _Copy(measured(relaxed(patch).atoms, rng), Before.of((), None), 1.0, structure, structure.rest(), ERRORS, DAMPING)
+    exact = measured(relaxed(patch).atoms, rng, noise=0.0)
+    copy = _Copy(exact, Before.of((), None), 1.0, structure, structure.rest(), ERRORS, DAMPING)
     z = rng.normal(size=7 + 5 * len(patch))  # the first is the logarithm of the damping
 
     def place(z):
         return copy.place(z[:1], z[1:])
 
+    off = [abs(one.place(np.zeros(1), 0 * z[1:]).h - np.concatenate([each.response for each in exact])).max()
+           for one in (copy, replace(copy, near=replace(copy.near, rods=0.0), structure=Structure(designed(rod=0.0))))]
+    assert off[0] < 1e-6 * off[1]  # which is that of springs with Rayleigh's mass
     ours = np.hstack(copy.slopes(place(z)))
     assert not ours[:, [4, 6]].any()
     ends = np.cumsum([7, *3 * [len(patch)]])  # of strengths, masses and springs, behind which the feet begin

@@ -164,7 +164,8 @@ def test_the_command_draws_ribbons_and_prints_deviations(tmp_path, capsys):
     columns = np.genfromtxt(tmp_path / 'out' / 'bands_spread.csv', delimiter=',', names=True)
     bands = np.genfromtxt(tmp_path / 'out' / 'bands.csv', delimiter=',', names=True)
     moving = bands['complete_1_Hz'] > 1e-3
-    assert moving.sum() == 28  # all but Gamma at both ends
+    assert moving.sum() == 28  # all but Gamma at both ends, where translations have no deviation
+    assert (columns['std_1_Hz'][~moving] == 0).all()
     for branch in (1, 2):
         assert_allclose(columns[f'std_{branch}_Hz'][moving] / bands[f'complete_{branch}_Hz'][moving], np.hypot(0.025, 0.005),
                         rtol=1e-9)

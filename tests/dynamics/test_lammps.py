@@ -2,17 +2,17 @@
 
 import ctypes
 import os
-import sys
 
 import numpy as np
 import pytest
 from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine
+from lammps_session import lammps_session
 from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.dynamics.drives import Harmonic, ToneBurst
-from magphonon.dynamics.lammps import lammps_session, read_lammps_displacements, write_lammps_input
+from magphonon.dynamics.lammps import read_lammps_displacements, write_lammps_input
 from magphonon.dynamics.recorder import Recorder
 from magphonon.dynamics.verlet import DrivenVerlet
 
@@ -152,12 +152,6 @@ def test_bonds_hold_beyond_the_cutoff_that_found_them(lammps, patch, tmp_path):
     i, j, places = patch.calc.bonds.i, patch.calc.bonds.j, patch.positions[:, :2] + expected
     assert np.linalg.norm(places[:, j] - places[:, i], axis=2).max() > 1.02 * 10 * u.mm
     assert difference(by_lammps(tmp_path, patch, burst(1e-2 * u.N)), expected) < 1e-9
-
-
-def test_missing_lammps_names_the_extra(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, 'lammps', None)
-    with pytest.raises(ImportError, match=r"pip install 'magphonon\[peers\]'"), lammps_session(tmp_path):
-        pass
 
 
 def no_calculator(atoms):

@@ -4,13 +4,13 @@ import re
 
 import numpy as np
 import pytest
-from measured_forces import L0, LAW, SYNTHETIC, R, rings, write
+from measured_forces import L0, LAW, SYNTHETIC, R, rings, synthetic_forces, write
 
 from magphonon import units as u
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
 from magphonon.interactions.fits import SharedErrors, fit_forces
-from magphonon.interactions.force_tables import read_forces, synthetic_forces
+from magphonon.interactions.force_tables import read_forces
 from magphonon.interactions.pair_laws import local_exponent, repulsion
 from magphonon.scenes.scene import read_scene, ready_scene
 

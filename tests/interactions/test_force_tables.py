@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from measured_forces import L0, LAW, R, rings, table_of, write
+from measured_forces import L0, LAW, R, rings, synthetic_forces, table_of, write
 
 from magphonon.cli.main import main
 from magphonon.interactions.fits import SharedErrors, fit_forces
-from magphonon.interactions.force_tables import read_forces, synthetic_forces
+from magphonon.interactions.force_tables import read_forces
 from magphonon.interactions.pair_laws import repulsion
 
 

@@ -2,7 +2,6 @@
 
 from itertools import product
 from math import comb
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -32,17 +31,6 @@ def away(magnet, gaps):
 
 
 # --- independent methods for the same force ---
-
-
-def sphere_charges(sphere, n):
-    """Points and charges of a sphere's surface charge M cos(theta), by Gauss's rule in the height."""
-    x, weight = leggauss(n)
-    angle = np.pi * np.arange(2 * n) / n
-    radius, M = sphere.diameter / 2, sphere.remanence / u.mu0
-    rho = np.sqrt(1 - x**2)[:, None]
-    points = radius * np.stack(np.broadcast_arrays(rho * np.cos(angle), rho * np.sin(angle), x[:, None]), axis=-1)
-    charges = M * (x * weight)[:, None] * radius**2 * np.pi / n * np.ones(2 * n)
-    return points.reshape(-1, 3), charges.ravel()
 
 
 def face_charges(magnet, n):
@@ -90,20 +78,6 @@ def multipole_force(ring, r, most=121):
         for l, k in product(orders, orders) if l + k <= most)
 
 
-def test_two_spheres_are_point_dipoles():
-    sphere = SimpleNamespace(diameter=5.0, remanence=1.2 * u.T)
-    dipoles = InversePower.dipoles(sphere.remanence / u.mu0 * np.pi * sphere.diameter**3 / 6)
-    # the product rule converges as (1/(2 r/D - 1))^(2n): below 1e-16 for these distances and n = 32
-    charges, coarse = sphere_charges(sphere, 32), sphere_charges(sphere, 4)
-    for r in (9.0, 12.0):
-        force = coulomb(charges, charges, (r, 0, 0))[0]
-        assert repulsion(dipoles, r) == pytest.approx(force, rel=1e-9)
-    # control: a disc of the same moment is not a point dipole
-    disc = Ring(5.0, 0.0, 2 / 3 * 5.0, 1.2 * u.T)
-    assert abs(repulsion(magnet_law(disc), 9.0) / repulsion(dipoles, 9.0) - 1) > 0.01
-    assert abs(coulomb(coarse, coarse, (9.0, 0, 0))[0] / repulsion(dipoles, 9.0) - 1) > 1e-6
-
-
 @pytest.mark.parametrize('r', [9.0, 10.0, 15.0, 40.0])
 def test_rings_side_by_side_have_the_force_of_their_multipoles(r):
     # the series to order 120 leaves (2 * 3.55/9)^120 = 4e-13
@@ -129,14 +103,6 @@ def test_the_force_is_converged(magnet):
     np.testing.assert_allclose([pair_force(magnet, magnet, (d, 0, 0), n=140)[0] for d in r], exact, rtol=1e-9)
     # control: at the least gap a few points are not enough
     assert abs(pair_force(magnet, magnet, (r[0], 0, 0), n=12)[0] / exact[0] - 1) > 1e-4
-
-
-def test_each_further_point_gains_the_same_factor():
-    exact = pair_force(RING, RING, (8.0, 0, 0), n=200)[0]
-    errors = [abs(pair_force(RING, RING, (8.0, 0, 0), n=n)[0] - exact) for n in (24, 32, 40, 48)]
-    # geometric, exp(-n asinh(gap/radius)) = 0.017 every eight points, times a slowly falling power; a rule of second order
-    # would gain (24/32)^2, (32/40)^2, ...
-    np.testing.assert_allclose(np.divide(errors[1:], errors[:-1]), 0.02, rtol=0.1)
 
 
 # --- published values ---
@@ -212,13 +178,13 @@ def test_derivatives_follow_from_the_energy_by_the_complex_step(magnet):
     law, r = magnet_law(magnet), away(magnet, np.linspace(0.1, 5, 40))
     np.testing.assert_allclose(law.dphi(r), law.phi(r + 1e-30j).imag / 1e-30, rtol=1e-12)
     np.testing.assert_allclose(law.d2phi(r), law.dphi(r + 1e-30j).imag / 1e-30, rtol=1e-11)
-    np.testing.assert_allclose(law.phi(r), [pair_energy(magnet, d) for d in r], rtol=1e-10)
+    np.testing.assert_allclose(law.phi(r[::8]), [pair_energy(magnet, d) for d in r[::8]], rtol=1e-10)
 
 
 def test_slender_rods_take_more_terms_and_the_slenderest_are_refused():
     """20 diameters: with 127 terms the force at the nearest distance is 1.6 % off, without a word."""
     rod = Ring(5, 0, 100, 1 * u.T)
-    r = magnet_law(rod).nearest * np.array([1.0, 1.1, 1.5, 3])
+    r = magnet_law(rod).nearest * np.array([1.0, 1.5])
     exact = [pair_force(rod, rod, (d, 0, 0), n=200)[0] for d in r]
     np.testing.assert_allclose(repulsion(magnet_law(rod), r), exact, rtol=1e-7)  # least at the end of the series
     with pytest.raises(ValueError, match='such slender rods'):

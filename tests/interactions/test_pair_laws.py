@@ -36,21 +36,6 @@ def test_derivatives_follow_from_the_energy_by_the_complex_step(law):
     np.testing.assert_allclose(law.d2phi(R), curvature, rtol=2e-14, atol=2e-14 * abs(curvature).max())
 
 
-@pytest.mark.parametrize('law', [law for law in LAWS.values() if law is not LAWS['foreign']], ids=str)
-def test_magphonons_laws_repel_and_stiffen(law):
-    R = known(law)
-    assert (repulsion(law, R) > 0).all()
-    if not isinstance(law, Tabulated):  # a measured law may have any slope
-        assert (law.d2phi(R) > 0).all()
-
-
-def test_force_of_dipoles():
-    # Two moments of 1 A m^2 side by side, 0.1 m apart: f = 3 mu0/(4 pi) m^2/r^4 = 3e-7 * 1e4 N; mu0/(4 pi) is 1e-7 to 6e-10.
-    law = InversePower.dipoles(moment=1 * u.A * u.m**2)
-    assert repulsion(law, 0.1 * u.m) / u.N == pytest.approx(3e-3, rel=1e-9)
-    assert law.a == 4
-
-
 def test_logarithm_is_the_limit_of_inverse_powers():
     # phi_a(r) - phi_a(1) -> -b log r as a -> 1; the next term is (a - 1) log(r)^2/2 of it
     near, log = InversePower(b=1.0, a=1 + 1e-6), InversePower(b=1.0, a=1.0)
@@ -69,14 +54,6 @@ def test_a_table_of_an_inverse_power_is_that_inverse_power():
     np.testing.assert_allclose(table.dphi(R), law.dphi(R), rtol=1e-13)
     np.testing.assert_allclose(table.d2phi(R), law.d2phi(R), rtol=1e-12)
     np.testing.assert_allclose(table.phi(R), law.phi(R) - law.phi(TABLE[-1]), rtol=1e-12)
-
-
-def test_energy_of_a_table_is_the_integral_of_its_force():
-    table = LAWS['table']
-    for r in (3.0, 4.2, 7.5, 29.0, 44.9, 45.0):
-        ends = [r, *TABLE[r < TABLE]]  # piece by piece: the spline's third derivative jumps at its points
-        integral = sum(quad(lambda s: repulsion(table, s), *piece, epsabs=0, epsrel=1e-13)[0] for piece in pairwise(ends))
-        assert table.phi(r) == pytest.approx(integral, rel=1e-12, abs=0)
 
 
 GAPPED = np.array([2.5, 10.6, 11.4, 12.5, 14.0, 18.0, 24.0]), np.array([150, 0.19, 0.16, 0.085, 0.062, 0.017, 0.005])
@@ -168,12 +145,6 @@ def test_a_table_goes_on_by_a_tenth_towards_contact_and_at_least_as_steeply_as_d
                 law.d2phi(r)
 
 
-def test_force_of_charges():
-    # 1 uC and 1 uC, 0.1 m apart; Coulomb's constant is 8.9875517862e9 N m^2/C^2 (CODATA 2022)
-    law = InversePower.coulomb(charge=1e-6 * u.A * u.s)
-    assert repulsion(law, 0.1 * u.m) / u.N == pytest.approx(8.9875517862e9 * 1e-12 / 0.01, rel=1e-9)
-
-
 def test_steel_spheres_in_contact():
     """Johnson, Contact Mechanics: f = 4/3 E* sqrt(R*) delta^3/2, E* = E/2(1 - nu^2), R* = d/4."""
     law = Overlap.spheres(youngs_modulus=206 * u.GPa, poisson_ratio=0.3, diameter=20 * u.mm)
@@ -204,15 +175,6 @@ def test_the_law_in_the_documentation_works_as_written():
     np.testing.assert_allclose(law.phi(R + 1j * STEP).imag / STEP, law.dphi(R), rtol=1e-13)
     np.testing.assert_allclose(law.dphi(R + 1j * STEP).imag / STEP, law.d2phi(R), rtol=1e-13)
     assert bloch_modes(atoms, np.array([[0.5, 0, 0]]))[0].max() > 0
-
-
-@pytest.mark.parametrize('missing', ['phi', 'dphi', 'd2phi'])
-def test_what_lacks_a_method_is_no_law(missing):
-    methods = {name: (lambda self, r: r) for name in ('phi', 'dphi', 'd2phi') if name != missing}
-    law = type('Half', (), methods)()
-    assert not isinstance(law, PairLaw)
-    with pytest.raises(ValueError, match=rf'lacks the method {missing};'):
-        MagneticRepulsion(triangular(10.0, 0.5), law)
 
 
 def test_spheres_that_lie_in_one_another_are_no_contact():

@@ -311,9 +311,8 @@ def test_an_address_leads_to_the_same_state(opened):
     assert page.evaluate('linkOf(view.state, view.chosen)') == '#'  # as in the scene
     state = slide(page, spacing=3, exponent=5, foundation=7)
     page.evaluate('choose({branch: 1, at: 13})')
-    page.click('#link')
-    page.wait_for_function('() => element("told").textContent')
-    link = page.evaluate('navigator.clipboard.readText()')
+    page.wait_for_timeout(400)  # until the page has written its address
+    link = page.url
     page.click('#reset')
     assert state_of(page) != state
     page.goto('about:blank')
@@ -341,12 +340,6 @@ def test_the_scene_that_is_copied_has_the_bands_that_are_shown(name, opened, tmp
                      for one in (tmp_path / 'copied.toml', scene))
     np.testing.assert_allclose(shown, exact, rtol=0, atol=1e-9 * abs(exact).max())
     assert abs(before - exact).max() > 1e-3 * abs(exact).max()
-
-
-def test_the_zone_shows_the_wavevector(opened):
-    x, y = map(float, re.search(r'd="M0 0L(\S+) (\S+)"', opened(MADE['triangular']).inner_html('#zone')).groups())
-    assert abs(x) < 1e-3
-    assert y < 0  # M stands above Gamma, as in zone.png
 
 
 def test_frames_of_the_first_page_have_the_height_of_their_pages_its_colours_and_waves_that_stand_still(browser, tmp_path):

@@ -6,17 +6,20 @@ import pytest
 from ase.constraints import FixAtoms
 from motion import patch
 from numpy.testing import assert_allclose
+from scipy import sparse
 from scipy.sparse.linalg import eigsh
 from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, lattices
-from magphonon.response import frf
+from magphonon.response import chebyshev, frf
 from magphonon.response.chebyshev import (
     BLOCK,
+    Crowded,
     Interval,
     Outside,
     chebyshev_blocks,
     coefficients,
+    lowest_by_products,
     sizes,
     stable_interval,
     whole_interval,
@@ -198,6 +201,51 @@ def test_the_interval_holds_the_spectrum():
         assert wide.highest >= squares[-1]
         assert whole.lowest <= min(squares[0], 0)
         assert whole.lowest >= min(1.01 * squares[0], 0)
+
+
+@pytest.mark.parametrize('seed', few_first(range(60), 4))
+def test_products_find_the_lowest_of_drawn_patches(seed):
+    """Hexagons have pairs of equal frequency; without a foundation some patches are unstable."""
+    rng = np.random.default_rng(seed)
+    shape = [lattices.hexagon, lattices.rectangle][seed % 2]
+    atoms = shape(lattices.triangular(1.0, 0.7), *rng.uniform(5, 7, 1 + seed % 2) * [1, 1.5][seed % 2])
+    if seed % 3:
+        atoms = atoms[rng.random(len(atoms)) > 0.1]
+        atoms.set_masses(rng.uniform(0.5, 2, len(atoms)))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=rng.uniform(0, 3))
+    atoms.calc = atoms.calc.balanced(np.arange(len(atoms)))
+    K, count = LinearSystem.of(atoms).K, int(rng.integers(1, 13))
+    squares = np.linalg.eigvalsh(K.toarray())
+    found, shapes = lowest_by_products(K, len(squares), count)
+    assert_allclose(found, squares[:count], atol=1e-12 * squares[-1])
+    assert_allclose(shapes.T @ shapes, np.eye(count), atol=1e-12)
+    assert_allclose(K @ shapes, shapes * found, atol=1e-9 * squares[-1])
+
+
+def test_products_do_not_find_what_is_crowded():
+    with pytest.raises(Crowded):  # one value for all
+        lowest_by_products(sparse.csr_array(2.0 * sparse.eye_array(300)), 300, 4)
+    crowded = np.append(np.linspace(1, 1 + 1e-9, 20), np.linspace(2, 3, 280))
+    with pytest.raises(Crowded):
+        lowest_by_products(sparse.csr_array(sparse.diags_array(crowded)), 300, 4)
+
+
+def test_modes_that_were_missed_grow_in_a_random_vector(monkeypatch):
+    K, answers = LinearSystem.of(patch(12)).K, []
+
+    def without_two(filtered, count, *args):
+        values, vectors, left = answer = lowest_filtered(filtered, count, *args)
+        answers.append(count)
+        kept = ~np.isin(np.arange(count), [1, 3])
+        return answer if count == chebyshev.ROUGH else (values[kept], vectors[:, kept], left[kept])
+
+    lowest_filtered = chebyshev._lowest_filtered
+    monkeypatch.setattr(chebyshev, '_lowest_filtered', without_two)
+    assert_allclose(lowest_by_products(K, K.shape[0], 5)[0], np.linalg.eigvalsh(K.toarray())[:5], rtol=1e-11)
+    assert answers[-1] > chebyshev.ROUGH
+    monkeypatch.setattr(chebyshev, 'MISSED', 1)
+    with pytest.raises(Crowded):
+        lowest_by_products(K, K.shape[0], 5)
 
 
 def test_chebyshev_vectors_give_any_function_and_notice_what_is_outside():

@@ -93,4 +93,4 @@ def test_bursts_are_within_the_tolerance_by_the_cheapest_method():
 def test_200_bursts_are_within_the_tolerance_and_most_by_the_cheapest_method():
     worst, cheapest = judge(range(200))
     assert worst < 1
-    assert cheapest >= 0.7  # the estimate is three times too large on purpose, and amplitudes range over five decades
+    assert cheapest >= 0.82  # 0.91: a safe estimate is up to seven times the true change, and amplitudes range over five decades

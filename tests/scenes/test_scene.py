@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scene_files import ready_scene
-from structures import few_first
 
-from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, phonopy_bands, units as u
+from magphonon import MagneticRepulsion, units as u
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.scenes.scene import read_scene, ready_scenes, reference
-from magphonon.stiffness import AllNeighbours
 from magphonon.stiffness.rest import freedom
 
 # A law of each kind, with forces of some tenths of a newton at 10 mm
@@ -92,27 +90,6 @@ def test_foundation_in_each_form(scene_file):
     stiffness = {'foundation': {'stiffness_N_per_m': 12.5}}
     assert read_scene(scene_file(stiffness)).atoms().calc.parameters.foundation == pytest.approx(12.5e-3, rel=1e-15)  # N/mm
     assert read_scene(scene_file({'foundation': None})).atoms().calc.parameters.foundation == 0
-
-
-@pytest.mark.parametrize('name', few_first(['neighbours', 'wigner', 'dust'], 1))
-def test_scenes_of_all_neighbours(name):
-    """`shells = "all"` is what many shells tend to, and phonopy agrees where the wave fits its supercell."""
-    scene = read_scene(ready_scene(name))
-    atoms = scene.atoms()
-    assert isinstance(atoms.calc, AllNeighbours)
-    corners = atoms.cell.bandpath('GMK', npoints=3, pbc=atoms.pbc)
-    exact = analytic_bands(atoms, corners).omega
-    other = phonopy_bands(finite_displacements(atoms, scene.supercell()), corners).omega
-    assert_allclose(other[1:], exact[1:], rtol=1e-7)
-    few, many = (analytic_bands(with_bonds(scene, shells), corners).omega for shells in (1, 40))
-    assert abs(many - exact).max() < 0.5 * abs(few - exact).max()
-
-
-def with_bonds(scene, shells):
-    atoms = scene.cell()
-    k = scene.foundation.stiffness if scene.foundation else 0.0
-    atoms.calc = MagneticRepulsion(atoms, scene.law.potential(), shells=shells, foundation=k)
-    return atoms
 
 
 def test_pillars_with_mass(scene_file):

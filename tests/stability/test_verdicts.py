@@ -5,14 +5,13 @@ import pytest
 from ase import Atoms
 from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
-from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
 from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, read_scene, verdict
-from magphonon.interactions import Spring, Yukawa
+from magphonon.interactions import Spring
 from magphonon.stability import frequency_shifts, verdicts
-from magphonon.stability.buckling import critical_spacing, critical_support, softest_of
+from magphonon.stability.buckling import critical_spacing, softest_of
 from magphonon.stiffness import LinearSystem, PairCalculator
 from magphonon.stiffness.matrices import hessian
 
@@ -61,7 +60,7 @@ def test_linear_amplitude_is_that_of_the_softest_wave_or_none():
         cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=k)
         return verdict(cell)['amplitude']
 
-    # the twist of kagome stiffens by 27/8 (a + 1) A^2/(k - 6), see test_anharmonic
+    # the twist of kagome stiffens by 27/8 (a + 1) A^2/(k - 6), see test_amplitude_shifts
     assert amplitude('kagome', 6.06) == pytest.approx(np.sqrt(0.01 * 0.06 * 8 / (27 * 5)), rel=1e-6)
     # the softest wave of honeycomb, at K, repeats every third cell, and no shift of it is known
     assert amplitude('honeycomb', 3.03) is None
@@ -93,22 +92,6 @@ def test_what_holds_itself_at_every_spacing_never_begins_to_buckle():
         lattice = lattices.triangular(1.0, 1.0).repeat((2, 1, 1))
         lattice.calc = MagneticRepulsion(lattice, InversePower(1.0, a))
         assert critical_spacing(LinearSystem.of(lattice)) is None
-
-
-@pytest.mark.parametrize(('lattice', 'wave', 'alone'), [
-    ('chain', 4, 2), ('square', 8, 4), ('triangular', 9, 6), ('honeycomb', 6, 3)])
-def test_supports_out_of_the_plane(lattice, wave, alone):
-    """Magnets: (a - 1) f/r a bond, by Laplace's equation; the worst wave is at X, M, K and between the two sublattices."""
-    atoms = getattr(lattices, lattice)(1.0, 1.0)
-    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0))
-    assert_allclose(critical_support(LinearSystem.of(atoms), magnets=True), (3 * wave, 3 * alone), rtol=1e-12)
-    assert_allclose(critical_support(LinearSystem.of(atoms), magnets=False), (wave, alone), rtol=1e-12)
-    found = verdict(atoms)
-    assert_allclose(found['supports'], (3 * wave, 3 * alone, wave), rtol=1e-12)
-    atoms.calc = MagneticRepulsion(atoms, Yukawa(c=1.0, kappa=0.5))  # particles that are no magnets
-    found = verdict(atoms)
-    assert found['supports'].wave is found['supports'].alone is None
-    assert_allclose(found['supports'].central, wave * 1.5 * np.exp(-0.5), rtol=1e-12)  # f = c (1/r + kappa) e^{-kappa r}/r
 
 
 @pytest.mark.parametrize('steps', [None, 12, 5])
@@ -156,26 +139,6 @@ def test_a_large_periodic_cell_says_which_waves_are_judged(name, repeats, needed
         assert 2 / found['timestep_limit'] == pytest.approx(highest, rel=1e-6)
     if name == 'square' and repeats == 11:
         assert alone == pytest.approx(4 * np.sin(5 * np.pi / 11) ** 2, rel=1e-9)
-
-
-@pytest.mark.parametrize(('name', 'repeats'), few_first([('square', (11, 11, 1)), ('kagome', (7, 5, 1)), ('fcc', (5, 5, 3))], 1))
-def test_half_waves_of_a_scattered_cell_against_its_bloch_matrices(name, repeats):
-    cell = lattice(name, 10.0)
-    perfect, law = cell.repeat(repeats), InversePower(2e3, 4.0)
-    dim = 3 if name == 'fcc' else 2
-    atoms = perfect.copy()
-    atoms.positions[:, :dim] += np.random.default_rng(0).uniform(-0.4, 0.4, (len(atoms), dim))
-    atoms.calc = MagneticRepulsion(perfect, law, cutoff=12.0).about(atoms).balanced(range(len(atoms)))
-    q = np.array(list(np.ndindex(2, 2, 2 if dim == 3 else 1))) / 2
-    D = Pairs(perfect, law, 12.0).bloch(atoms.positions, q)
-    for wave, expected in zip(q, D, strict=True):
-        H = hessian(atoms.calc.bonds, atoms.calc.rest_stiffness(), q=wave).toarray()
-        assert_allclose(H, expected, rtol=0, atol=1e-10 * abs(D).max())
-    lowest = np.linalg.eigvalsh(D)[:, 0]
-    needed, at = critical_foundation(atoms)
-    assert needed == pytest.approx(-lowest.min(), rel=1e-10)
-    assert_allclose(at, q[lowest.argmin()])
-    assert np.diff(np.sort(lowest)).min() > 1e-5 * needed  # the control: another wave needs another foundation
 
 
 @pytest.mark.parametrize('seed', range(3))

@@ -102,17 +102,6 @@ def test_plasma_oscillates_at_its_frequency_in_space():
     assert sound_speeds(cell)[2] == np.inf
 
 
-def test_dipole_chain():
-    known = reference()['all_neighbours']
-    cell = lattices.chain(1.0, 1.0)
-    ratios = []
-    for calc in (AllNeighbours(cell, DIPOLES), MagneticRepulsion(cell, DIPOLES)):
-        cell.calc = calc
-        edge = bloch_modes(cell, [[0.5, 0, 0]])[0][0, 1]
-        ratios.append([sound_speeds(cell)[1] ** 2, edge**2])
-    assert_allclose(np.divide(*ratios), [known['dipole_chain_c_squared'], known['dipole_chain_edge_squared']], rtol=1e-13)
-
-
 # --- direct sums -----------------------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)

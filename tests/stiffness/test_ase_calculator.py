@@ -9,8 +9,7 @@ from cells import LAW, triangular_patch
 from oracles import LAWS, lattice
 from scipy import sparse
 
-from magphonon import InversePower, MagneticRepulsion, lattices, units as u
-from magphonon.stiffness import AllNeighbours
+from magphonon import InversePower, MagneticRepulsion, lattices
 from magphonon.stiffness.plausibility import UnitWarning
 
 # As a part of ASE
@@ -91,45 +90,6 @@ def test_hessian_is_a_property_that_no_file_sees():
     assert atoms.calc.get_property('hessian', atoms, allow_calculation=False) is None
     parts = [atoms.calc.get_hessian(atoms, part) for part in ('D0', 'Dstar', 'foundation')]
     assert abs(sum(parts) - H).max() < 1e-15 * abs(H).max() * 12
-
-
-@pytest.mark.parametrize('name', ['a.traj', 'a.extxyz'])
-def test_written_and_read_again(tmp_path, name):
-    import ase.io
-
-    atoms = triangular_patch(foundation=0.02)
-    forces, energy = atoms.get_forces(), atoms.get_potential_energy()
-    ase.io.write(tmp_path / name, atoms)
-    back = ase.io.read(tmp_path / name)
-    # extxyz keeps eight decimals; a trajectory keeps all
-    tolerance = {'rtol': 0, 'atol': 1e-8 if name.endswith('xyz') else 0}
-    np.testing.assert_allclose(back.positions, atoms.positions, **tolerance)
-    np.testing.assert_allclose(back.get_forces(), forces, **tolerance)
-    assert back.get_potential_energy() == pytest.approx(energy, rel=1e-8)
-
-
-def test_one_particle_that_is_wrapped_across_the_border_is_where_it_was():
-    # A tenth of a period out of the cell; wrapped it stands nine tenths away, less than a period.
-    atoms = lattice('triangular').repeat((4, 4, 1))
-    atoms.calc = MagneticRepulsion(atoms, LAWS['magnets'], foundation=0.02)
-    atoms.positions[0] -= 0.1 * atoms.cell[0]
-    forces = atoms.get_forces()
-    wrapped = atoms.copy()
-    wrapped.positions[0] += atoms.cell[0]
-    assert np.linalg.norm(wrapped.positions[0] - atoms.calc.reference.positions[0]) < np.linalg.norm(atoms.cell[0])
-    # positions of 40 mm are rounded to 1e-14; the stiffness is of the order of forces per mm
-    assert abs(atoms.calc.get_forces(wrapped) - forces).max() < 1e-11 * abs(forces).max()
-
-
-@pytest.mark.parametrize('calculator', [MagneticRepulsion, AllNeighbours])
-def test_numbers_in_si_without_their_units_are_noticed(calculator):
-    """The prototype's law with b left in N m^a: sqrt(a b L^-(a+1)/M)/2 pi = 8.4e-6 Hz instead of 60 Hz."""
-    cell = lattices.triangular(10.0, 0.7)
-    with pytest.warns(UserWarning, match=r'InversePower.*about 8e-06 Hz.*mm, g, ms and N'):
-        calculator(cell, InversePower(b=1.6209e-10, a=4.5824))
-    with pytest.warns(UserWarning, match=r'about \d+e\+\d+ Hz'):
-        calculator(cell, InversePower(b=1e30, a=4.0))
-    calculator(cell, InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824))  # every warning is an error here
 
 
 def test_a_calculator_made_of_another_does_not_warn_again():

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from ase.build import make_supercell
 from ase.calculators.calculator import PropertyNotImplementedError
 from ase.calculators.fd import calculate_numerical_stress
 from ase.filters import FrechetCellFilter, StrainFilter
@@ -134,17 +133,6 @@ def modes_at(atoms, vectors):
     pair = atoms.repeat((1, 2, 1))
     pair.calc = atoms.calc.about(atoms).on(pair)
     return modes(pair).omega[2:]
-
-
-def test_a_basis_relaxes_with_its_cell():
-    cell = make_supercell(lattice('triangular'), [[1, 0, 0], [-1, 2, 0], [0, 0, 1]])  # two particles in a rectangle
-    cell.calc = MagneticRepulsion(cell, LAW)
-    atoms = deformed(cell, 4)
-    atoms.positions[0, :2] += 0.5
-    pressure = -np.trace(cauchy_stress(cell)) / 2
-    relax(FrechetCellFilter(atoms, mask=PLANE, scalar_pressure=pressure / atoms.cell[2, 2]), 1e-7)
-    np.testing.assert_allclose(atoms.get_all_distances(mic=True)[0, 1], 10.0, rtol=1e-5)
-    np.testing.assert_allclose(cauchy_stress(atoms), -pressure * np.eye(2), rtol=0, atol=1e-5 * pressure)
 
 
 def test_strain_filter_of_a_crystal_and_a_chain():

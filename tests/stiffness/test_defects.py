@@ -156,29 +156,3 @@ def test_how_far_disorder_moves_a_structure():
     assert rest.shift == pytest.approx(far.max(), rel=1e-3)
     assert rest.rms == pytest.approx(np.sqrt((far**2).mean()), rel=1e-3)
     assert f'moved by up to {rest.shift:.4g} mm (rms {rest.rms:.4g} mm)' in str(rest)
-
-
-@pytest.mark.parametrize('seed', range(3))
-def test_lattices_on_unlike_springs_have_holes_and_disorder(seed):
-    """The springs pull as that of each site does, times its factor, without those that are gone."""
-    atoms, rng = supercell(2 * seed)
-    n, u = len(atoms), 0.1 * np.random.default_rng(seed).normal(size=(len(atoms), 2))
-    k = rng.uniform(1, 2, (n, 2))
-    scatter = Scatter(stiffness=0.2)
-    factors = 1 + 0.2 * site_normals(3, n)[:, 5]
-    atoms.calc = atoms.calc.about(atoms, foundation=k)
-    bare = atoms.copy()
-    bare.calc = atoms.calc.about(atoms, foundation=0.0)
-    gone, every = rng.choice(n, 3, replace=False), np.arange(n)
-    stiffer = 1 + 1.5 * (every == 4)[:, None]
-    for tied, free, image, times in [(with_vacancies(atoms, gone), with_vacancies(bare, gone), np.delete(every, gone), 1.0),
-                                     (scattered(atoms, scatter, 3), bare, every, factors[:, None]),
-                                     (substituted(atoms, 4, stiffness=2.5), bare, every, stiffer)]:
-        for one in tied, free:
-            one.positions[:, :2] += u[image]
-        pull = tied.get_forces(apply_constraint=False) - free.get_forces(apply_constraint=False)
-        expected = -(times * k * u)[image]
-        assert_allclose(pull[:, :2], expected, rtol=0, atol=1e-10 * abs(expected).max())
-        assert abs(pull[:, :2] + (k * u)[np.roll(image, 1)]).max() > 0.1 * abs(expected).max()  # those of other sites
-        for one in tied, free:
-            one.positions[:, :2] -= u[image]

@@ -95,20 +95,6 @@ def test_a_relaxation_by_ase_finds_the_rest(tmp_path):
     assert abs(atoms.positions - rest).max() < 1e-4  # mm; at rest by ASE's usual threshold means so here too
 
 
-@pytest.mark.parametrize('make', [lattices.honeycomb, lattices.kagome])
-def test_a_cell_in_another_order_has_the_same_forces(make):
-    """As the tools that sort structures hand it over; unlike particles, so that forces of wrong sites are far off."""
-    rng, cell = np.random.default_rng(0), make(10 * u.mm, 0.7 * u.g)
-    cell.calc = MagneticRepulsion(cell, peers.LAW, foundation=0.02, strengths=rng.uniform(0.8, 1.2, len(cell)))
-    cell.calc = cell.calc.balanced(np.arange(len(cell)))
-    atoms = for_ase_tools(cell)
-    atoms.positions[:, :2] += rng.uniform(-0.3, 0.3, (len(cell), 2))
-    order = np.roll(np.arange(len(cell)), 1)
-    other = atoms[order]
-    other.calc = atoms.calc
-    np.testing.assert_allclose(other.get_forces(), atoms.get_forces()[order], atol=1e-12 * abs(atoms.get_forces()).max())
-
-
 def test_what_is_refused():
     cell = peers.honeycomb()
     cell.set_constraint(FixAtoms([0]))

@@ -9,20 +9,17 @@ import numpy as np
 import pytest
 from ase import Atoms
 from ase.md.verlet import VelocityVerlet
+from lammps_session import lammps_session
 from numpy.testing import assert_allclose
 
 from magphonon import (
-    DrivenVerlet,
     InversePower,
     MagneticRepulsion,
-    analytic_bands,
     lattices,
     modes,
     relaxed,
     verdict,
 )
-from magphonon.design import StiffnessDerivative, force_change, frequency_sensitivities
-from magphonon.dynamics.lammps import lammps_session
 from magphonon.errors import Unstable
 from magphonon.interactions import Overlap
 from magphonon.stability import prestress_reserve
@@ -228,18 +225,6 @@ def test_a_packing_goes_to_another_pressure_and_loses_contacts_on_the_way():
     back = loose.at(dense.pressure)
     assert back.fraction == pytest.approx(dense.fraction, rel=2e-2)
     assert f'{loose.rattlers} rattlers' in str(loose)
-
-
-def test_tools_that_know_no_radii_refuse_them_and_the_others_use_them():
-    found = drawn(0, 2, 2.0, 3e-2)
-    with pytest.raises(ValueError, match='does not support laws of the distance over the sum of both radii'):
-        frequency_sensitivities(found.atoms, [[0, 0, 0]], [StiffnessDerivative(law=force_change(Overlap(ENERGY)))])
-    assert analytic_bands(found.atoms, 'GX').omega.shape[1] == 2 * len(found.atoms)
-    assert verdict(found.atoms).stable
-    run = DrivenVerlet(found.atoms, 0.05)
-    run.atoms.positions[0, 0] += 1e-9
-    run.run(3)
-    assert run.displacements[1:].any()
 
 
 @pytest.mark.parametrize(('what', 'words'), [

@@ -1,14 +1,11 @@
 """Every site its own: what `tests/test_structures_and_questions.py` does not ask."""
 
-import itertools
 
 import numpy as np
 import pytest
 from oracles import lattice
 
-from magphonon import InversePower, MagneticRepulsion, finite_displacements, lattices, phonopy_bands, units as u, verdict
-from magphonon.bands import band_path
-from magphonon.bands.bloch import bloch_modes
+from magphonon import InversePower, MagneticRepulsion
 from magphonon.interactions import Yukawa
 from magphonon.stiffness import AllNeighbours
 from magphonon.stiffness.matrices import bloch_series
@@ -53,8 +50,8 @@ def test_refusals_of_what_is_no_site(given, words):
 
 @pytest.mark.parametrize('name', ['honeycomb', 'kagome', 'chain'])
 def test_strengths_in_sums_over_all_neighbours(name):
-    """Of a law so steep that far shells are nothing, against many shells."""
-    law, rng = InversePower(b=2e13, a=13.0), np.random.default_rng(3)
+    """Against many shells, beyond which the law has died away; its wide Gaussians are no small part of the sum."""
+    law, rng = Yukawa(c=2000.0, kappa=0.5), np.random.default_rng(3)
     cell = lattice(name).repeat((2, 1, 1))
     n = len(cell)
     cell.positions[:, :2] += rng.uniform(-0.3, 0.3, (n, 2))
@@ -73,46 +70,10 @@ def test_strengths_in_sums_over_all_neighbours(name):
     for ask in (lambda calc: calc.bloch_matrix(q), lambda calc: calc.bloch_matrix(q, 'conventional'),
                 lambda calc: calc.get_forces(there), series):
         expected = ask(many)
-        assert apart(ask(everything), expected) < 1e-6  # the shells beyond, which fall by r^-13
+        assert apart(ask(everything), expected) < 1e-6  # the shells beyond
         assert apart(ask(alike), expected) > 1e-2
     energy = everything.get_potential_energy(there) - everything.get_potential_energy(cell)
     assert energy == pytest.approx(many.get_potential_energy(there) - many.get_potential_energy(cell), rel=1e-7)
     order = rng.permutation(2 * n)
     double = cell.repeat((2, 1, 1))[order]
     assert np.allclose(everything.on(double).strengths, np.tile(strengths, 2)[order])
-
-
-@pytest.mark.parametrize('strengths', [[1.0, 0.4], [0.0, 1.0]])
-def test_bands_of_all_neighbours_of_two_strengths(strengths):
-    """A double loop over all neighbours within 15 cells, where exp(-0.3 r) has died away; other masses are noticed."""
-    law, cell, q = Yukawa(c=20.0, kappa=0.3), lattice('honeycomb'), np.array([0.17, 0.31, 0.0])
-    cell.calc = AllNeighbours(cell, law, foundation=[[0.3, 0.4]], strengths=strengths)
-    D = np.kron(np.eye(2), np.diag([0.3, 0.4])).astype(complex)
-    for shift in itertools.product(range(-15, 16), repeat=2):
-        phase = np.exp(2j * np.pi * (q[:2] @ shift))
-        for i, j in itertools.product(range(2), repeat=2):
-            d = (cell.positions[j] - cell.positions[i] + np.array([*shift, 0]) @ cell.cell.array)[:2]
-            if not (r := np.linalg.norm(d)):
-                continue
-            n = d / r
-            K = law.d2phi(r) * np.outer(n, n) + law.dphi(r) / r * (np.eye(2) - np.outer(n, n))
-            K = strengths[i] * strengths[j] * K
-            D[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += K
-            D[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] -= phase * K
-    mass = np.repeat(cell.get_masses(), 2)
-    squares = np.linalg.eigvalsh(D / np.sqrt(mass * mass[:, None]))
-    assert apart(bloch_modes(cell, [q])[0][0] ** 2, squares) < 1e-10
-    assert phonopy_bands(finite_displacements(cell, (3, 3, 1)), band_path(cell, 'GK', 2)).omega.shape == (2, 4)
-    assert verdict(cell).stable
-    cell.set_masses([1.0, 3.0])
-    assert apart(bloch_modes(cell, [q])[0][0] ** 2, squares) > 1e-3
-
-
-def test_si_numbers_without_units_are_warned_of():
-    """They give frequencies that look possible, 1000 times too high."""
-    typed = lattices.triangular(0.01, 7.07e-4)
-    with pytest.warns(UserWarning, match=r'7.1e\+05 g/cm\^3; numbers are in mm, g, ms and N'):
-        MagneticRepulsion(typed, InversePower(1.6209e-10, 4.5824), foundation=19.6757)
-    right = lattices.triangular(0.01 * u.m, 7.07e-4 * u.kg)
-    MagneticRepulsion(right, InversePower(1.6209e-10 * u.N * u.m**4.5824, 4.5824), foundation=19.6757 * u.N / u.m)
-    MagneticRepulsion(lattices.triangular(1.0, 1.0), InversePower(1.0, 4.0))  # a lattice in units of its own

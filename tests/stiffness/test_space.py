@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.linalg import expm
 from structures import few_first
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, analytic_bands, lattices, modes
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices, modes
 from magphonon.response import frequency_response
 from magphonon.stiffness import LinearSystem, Scatter, scattered, with_vacancies
 from tests.oracles import second_derivatives
@@ -163,19 +163,3 @@ def test_lines_and_planes_guide_particles_in_space(seed):
         errors.append(abs(run.displacements - expected).max() / abs(expected).max())
     assert errors[1] < 1e-3
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.15)
-
-
-def test_gyration_about_the_normal_of_a_layer_leaves_its_motion_out_of_the_plane_alone():
-    flat = lattices.honeycomb(1.0, 1.0)
-    flat.calc = MagneticRepulsion(flat, InversePower(1.0, 4.0), foundation=6.0, gyration=1.5)
-    layer = flat.copy()
-    layer.calc = MagneticRepulsion(layer, InversePower(1.0, 4.0), foundation=[[6.0, 6.0, 9.0]], gyration=1.5)
-    still = flat.copy()
-    still.calc = layer.calc.about(layer, gyration=0.0)
-    path = flat.cell.bandpath('GM', npoints=3)
-    both, planar, none = (np.asarray(analytic_bands(a, path).omega) for a in (layer, flat, still))
-    for one, two, three in zip(both, planar, none, strict=True):
-        assert all(abs(one - w).min() < 1e-9 for w in two)  # in the plane as without motion out of it
-        out = [w for w in one if abs(two - w).min() > 1e-6]
-        assert len(out) == 2
-        assert all(abs(three - w).min() < 1e-9 for w in out)  # and out of it as without gyration

@@ -258,7 +258,7 @@ def test_a_pin_on_one_atom_is_no_sum_over_pairs(repeat, share):
     Two atoms alone do not see the pin; one that knows its own structure only does not act in several cells either.
     """
     atoms = bulk('Ar', 'fcc', a=5.256).repeat(repeat)
-    lj = LennardJones(sigma=3.4, epsilon=0.0103, rc=7.0)
+    lj = LennardJones(sigma=3.4, epsilon=0.0103, rc=4.5)
     at = int(share * len(atoms))
     for k, acts in ((1.0, lambda n: n > 2), (1.0, lambda n: n == len(atoms)), (np.nan, lambda n: n > 2)):
         atoms.calc = SumCalculator([lj, Pin(k, at, atoms.positions[at].copy(), acts)])

@@ -195,7 +195,6 @@ class BurstView {
     }
     const on = (name, act) => root.querySelector(`[name=${name}]`).addEventListener('click', act);
     on('again', () => this.restart());
-    on('step', () => { this.playing = false; this.show(); this.advance(1 / 20 / this.drive.carrier_Hz); });
     on('run', () => { this.playing = !this.playing; this.show(); });
     root.querySelector('[name=slower]').addEventListener('change', event => { this.slower = Number(event.target.value); });
     root.querySelectorAll('[name=tool]').forEach(input => input.addEventListener('change', () => { this.tool = input.value; }));

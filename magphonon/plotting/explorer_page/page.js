@@ -139,7 +139,6 @@ function showMode() {
     element(`mode-${model}`).innerHTML = `<b>${f < 0 ? growth(f) : `${written(f)}\u202fHz`}</b>${name && `, ${name}`}`;
     motions[model].show(mode, q);
   }
-  drawZone(element('zone'), data, at);
   showPlaying();
   writeLink();
 }
@@ -177,28 +176,17 @@ function followLink() {
   update();
 }
 
-function tell(words) {
-  element('told').textContent = words;
-}
-
-/** Put a text on the clipboard, and say so; where this is not allowed, show the text at the end of the page. */
-async function copy(text, words) {
+/** Put the scene on the clipboard, and say so; where this is not allowed, show it at the end of the page. */
+async function copyScene() {
+  const text = sceneText(view.state);
   try {
     await navigator.clipboard.writeText(text);
-    tell(words);
+    element('told').textContent = 'The scene is copied; paste it into a file of your own.';
   } catch {
     element('text').textContent = text;
     element('text').closest('details').open = true;
-    tell('This browser does not allow copying: the text is at the end of the page.');
+    element('told').textContent = 'This browser does not allow copying: the text is at the end of the page.';
   }
-}
-
-function listenToTools() {
-  element('link').addEventListener('click', () => {
-    history.replaceState(null, '', linkOf(view.state, view.chosen));
-    copy(location.href, 'The link to this state is copied.');
-  });
-  element('copy').addEventListener('click', () => copy(sceneText(view.state), 'The scene is copied; paste it into a file of your own.'));
 }
 
 function listen() {
@@ -211,6 +199,7 @@ function listen() {
     view.playing = !view.playing;
     showPlaying();
   });
+  element('copy').addEventListener('click', copyScene);
   const chart = element('bands');
   const choosePointed = event => {
     const box = chart.getBoundingClientRect();
@@ -246,7 +235,6 @@ function start() {
   if (document.body.classList.contains('only-burst')) element('burst').after(document.querySelector('main'));
   if (!data.structure) {
     listen();
-    listenToTools();
     followLink();
   }
   if (data.periods !== 1 && address.get('view') !== 'bands') view.burst = new BurstView(element('burst'), data, view.state, address);
