@@ -3,8 +3,7 @@ I want 40 Hz at M
 =================
 
 The spacing, the exponent, or the height of the pillars that puts the shear branch there, with all neighbours or the nearest.
-Pillars are cantilevers of aluminium, whose stiffness depends on the frequency: as springs with 33/140 of their mass they would
-seem to need 784 and 394 mm.
+Pillars are cantilevers of aluminium; as springs with 33/140 of their mass they would seem to need 784 and 394 mm.
 """
 
 import numpy as np
