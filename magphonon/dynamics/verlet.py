@@ -397,7 +397,8 @@ class DrivenVerlet(VelocityVerlet):
         if not self._error + self.splitting.error(x, SHAPE * self._content) <= (1 + SUMMED) * self.tolerance:
             self._omega *= faster
             longest = self._longest(HEADROOM)[self.splitting.order]
-            raise self._too_long(longest, f', as strains make waves {faster:.3g} times faster at {self.get_time():.6g} ms')
+            why = f'strains make waves {faster:.3g} times faster' if faster > 1 else 'others move than those known at the start'
+            raise self._too_long(longest, f', as {why} at {self.get_time():.6g} ms')
 
     def _one_step(self):
         """Do a step of ASE's loop; if the bonds are no longer valid, go back to the last state in which they were, and raise."""
