@@ -38,7 +38,7 @@ from ..stiffness.calculator import PairCalculator
 from ..stiffness.plausibility import site_damping, warn_of_speed, warn_of_times
 from ..stiffness.repulsion import masses_of
 from ..stiffness.rest import LinearSystem, freedom
-from ..traits import LINEAR, takes
+from ..traits import LINEAR, all_but, refuse, takes
 from .cages import HARMLESS, Cages, Diverged
 from .drives import Constant, check_drives, forces_and_walls
 from .engine import (
@@ -50,7 +50,6 @@ from .engine import (
     refusal,
     refuse_long_decay,
     refuse_long_step,
-    refuse_order,
 )
 from .splittings import SHAPE, SPLITTINGS, TINY, StepsTooLong
 
@@ -155,7 +154,6 @@ class DrivenVerlet(VelocityVerlet):
         if isinstance(atoms.calc, PairCalculator):
             masses_of(atoms)  # before ASE warns of one that is zero
         check_drives(self._drives, atoms)
-        refuse_order(atoms, self.splitting)
         self.engine = _engine_for(atoms, engine)
         self.allow_unstable = allow_unstable
         super().__init__(atoms, positive('timestep', timestep, 'ms'), loginterval=loginterval, **kwargs)
@@ -319,10 +317,12 @@ class DrivenVerlet(VelocityVerlet):
 
     def _refuse_steps(self):
         """Raise ValueError for an unstable time step; else return a bound of the highest frequency, rad/ms, 0 if unknown."""
+        if self.splitting.stages > 1:  # forces may depend on positions only
+            refuse(self.atoms, all_but('a step of order 4 or 6', 'gyration'))
         limit = max(one.limit for one in SPLITTINGS.values()) if self._chooses else self.splitting.limit
-        omega = 0.0
+        limit, omega = np.inf if self.allow_unstable else limit, 0.0
         if self.tolerance or not self.allow_unstable:
-            omega = refuse_long_step(self.atoms, self.dt, np.inf if self.allow_unstable else limit)
+            omega = refuse_long_step(self.atoms, self.dt, limit)
         if not self.allow_unstable:
             refuse_long_decay(self.damping, self.dt, self.splitting)
         return max(fastest(omega**2, getattr(self.atoms.calc, 'turning', 0.0)), self._driven)
@@ -390,8 +390,7 @@ class DrivenVerlet(VelocityVerlet):
         steps, self._counted, faster = self.nsteps - self._counted, self.nsteps, 1.0
         if lengths_of(u).max(initial=0.0) > HARMLESS * self.atoms.calc.bonds.shortest:
             about = LinearSystem.about(self.atoms.calc, self.atoms)  # pyright: ignore[reportArgumentType]  there are bonds
-            here, rest = particle_bound(about, u), particle_bound(about, 0 * u)
-            faster = max(here / rest, 1.0)
+            faster = max(particle_bound(about, u) / particle_bound(about, 0 * u), 1.0)
         x = faster * self._omega * self.dt
         self._error += self.splitting.error(x, x * steps * self._content)
         if not self._error + self.splitting.error(x, SHAPE * self._content) <= (1 + SUMMED) * self.tolerance:
@@ -455,7 +454,6 @@ class DrivenVerlet(VelocityVerlet):
         if now != before:
             self._refuse_changed_step(before[1])
             self._omega = self._refuse_steps()
-            refuse_order(self.atoms, self.splitting)
         if rough and self.asked_order is None:
             self.splitting = SPLITTINGS[self._order()]
             now, long = self._setting(), self._repays(steps)
