@@ -91,7 +91,9 @@ letter_panels(axes)
 # -------------------------
 # ``python -m workflows.demultiplexer`` has built 100 copies for each row, with other errors.  A solver that shares no code with
 # the package has judged them, with all pairs of magnets and both motions at each port.  The number is the contrast that 80 of 100
-# copies reach.
+# copies reach.  Of 1200 further copies 81(1) % keep 30 dB and 99.5(2) % keep 20 dB.  The worst of 100 copies has a batch that is
+# 5 % too strong and a source that is 3 % too low: the source is 3.7 standard deviations off its place in the band, as in one of
+# 4200 copies.  Either fault alone would leave 27 dB, and both with exact feet 20.8 dB.
 
 import csv
 from importlib.resources import files

@@ -97,12 +97,15 @@ def _sigma(text):
 
 
 def run(options: Namespace) -> None:
+    from ..scenes.sources import ready_scenes
+
     if options.dry_run:
         for name in options.files:
             print(*_understood(ready_table(name), options.contact or 0.0), sep='\n')
         return
     first = options.files[0]
-    if options.frf is None and options.scene is None and (first.endswith('.toml') or first in _ready(first)):
+    ready = () if os.path.lexists(first) else ready_scenes()  # a file hides those of its name
+    if options.frf is None and options.scene is None and (first.endswith('.toml') or first in ready):
         _recognise(options)
     options.files = [ready_table(name) for name in options.files]
     if options.frf is not None:
@@ -111,13 +114,6 @@ def run(options: Namespace) -> None:
         _fit_bands(options)
     else:
         _fit_forces(options)
-
-
-def _ready(name):
-    """The names of ready scenes, unless a file hides them."""
-    from ..scenes.sources import ready_scenes
-
-    return () if os.path.lexists(name) else ready_scenes()
 
 
 def held(file: str, contact: float = 0.0) -> tuple[str, Any]:

@@ -15,7 +15,7 @@ from ..design.least_squares import DETERMINED, FITS, NORMAL
 from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, Fit, SharedErrors
 from ..interactions.pair_laws import local_exponent
 from ..scenes.band_fits import ALL, KEYS, NEAREST, TELLS, BandFits
-from ..scenes.frf_fits import UNITS, FrfFits, missing_magnet, value_of
+from ..scenes.frf_fits import UNITS, FrfFits, missing_magnet
 from ..scenes.scene import Scene, toml
 from ..scenes.tolerances import LARGEST_TOLERANCE
 from ..tables import in_columns
@@ -173,9 +173,6 @@ def _shifts(found):
     told = [f'{bins:g} bins for the {sources.count(kind)} points of waves from a {kind}' for kind, bins in SHIFT_bins.items()
             if kind in sources]
     yield f'The intervals allow for a common shift of all ridges of a branch in wavenumber: {" and ".join(told)}.'
-    if strayed := found.fits['complete'].strayed:
-        yield (f'{strayed} of the points from a point source are closer to the other branch than to the branch of their own '
-               'motion.')
 
 
 def _doubts_of_ridges(found):
@@ -322,10 +319,7 @@ def _not_followed(found):
 
 
 def _doubts_of_responses(found):
-    """Warnings that points are farther apart than peaks are wide, and that the mass is not in the intervals."""
-    if 'mass' not in found.better.names:
-        yield ('The mass counts as exact: if it is 1 % off, force and springs are about as much off, which the intervals do not '
-               f'include. --prior mass_kg={value_of(found.scene, "mass"):.4g}+-1% includes it.')
+    """A warning that points are farther apart than peaks are wide."""
     apart = u.hertz(max(np.median(np.diff(one.omega)) for one in found.functions))
     wide = found.fitted(found.better.model).frf.damping_per_s / (2 * np.pi)
     if apart > wide:
@@ -336,13 +330,13 @@ def _doubts_of_responses(found):
 def _responses(found, fixed):
     """What is fitted, and a table of the parameters and the residual with a column for each model."""
     fits, rows = found.fits, _parameters(found)
-    known = ', '.join(['spacing', *(['mass'] if 'mass' not in fits['complete'].names else []), *fixed])
+    before = ', '.join(f'{_with_unit(name)} {value:.4g} +- {sigma:.2g}' for name, (value, sigma) in found.priors.items())
     if any(one.sigma is not None for one in found.functions):
         rows.append(('residual / noise', *(f'{fit.misfit:.4g}' for fit in fits.values())))
     else:
         rows.append(('residual (% of the peak)', *(f'{100 * fit.noise:.3g}' for fit in fits.values())))
     return [f'{len(found.functions)} transfer functions, {sum(len(one.omega) for one in found.functions)} points; '
-            f'known: {known}.', '', *_table(fits, rows)]
+            f'known: {", ".join(["spacing", *fixed])}' + f'; before: {before}' * bool(before) + '.', '', *_table(fits, rows)]
 
 
 def _of_sites(found):

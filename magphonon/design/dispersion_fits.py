@@ -195,8 +195,6 @@ class DispersionFit(ParameterFit):
     ----------
     branches : tuple of int
         The branch of each ridge, counted from 0 by frequency.
-    strayed : int
-        Number of points, in ridges of a point source, whose wave belongs to a neighbouring branch instead of that of the ridge.
     sigma_xi : ndarray, shape (points,)
         Standard uncertainties of the phases in rad that the fit used; if an oblique wave is near, they include its distance.
     missed : tuple of float
@@ -207,7 +205,6 @@ class DispersionFit(ParameterFit):
 
     branches: tuple[int, ...]
     sigma_xi: np.ndarray
-    strayed: int = 0
     missed: tuple[float, ...] = ()
 
     @property
@@ -340,8 +337,7 @@ def _settled(bands, names, points, priors, branches_in, start, passes=range(PASS
         if settled:
             break
     J = jacobian(x)  # pyright: ignore[reportPossiblyUnbound]  PASSES is not zero
-    strayed = int((modes != np.array(branches)[points.ridge]).sum())
-    return DispersionFit(there.model, names, np.exp(x), J.T @ J, residuals(x), branches, seen.sigma_xi, strayed)  # pyright: ignore[reportPossiblyUnbound, reportUnboundVariable]
+    return DispersionFit(there.model, names, np.exp(x), J.T @ J, residuals(x), branches, seen.sigma_xi)  # pyright: ignore[reportPossiblyUnbound, reportUnboundVariable]
 
 
 def _oblique(bands, points):

@@ -264,7 +264,7 @@ class Rest:
         """
         m = np.broadcast_to(self.rods, len(self.springs))[:, None] / RAYLEIGH
         x = np.divide(3 * m * omega**2, self.springs, where=self.springs > 0, out=np.zeros(self.springs.shape))
-        excess, slope = cantilever_excess(x)
+        excess, slope = self.once(('rods', omega), lambda: cantilever_excess(x))
         return excess, excess - slope / 2
 
     def response(self, force: NDArray[Any], omega: float, damping: float) -> NDArray[np.complex128]:

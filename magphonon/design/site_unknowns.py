@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 from scipy import linalg, sparse
 from scipy.optimize import minimize
 
-from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
 from ..stiffness.rest import LinearSystem
 from .least_squares import BLIND, FITS, MOST_FACTOR, Before
 from .scatter import Rest
 from .sensitivities import force_change
+from .site_designs import Structure
 from .transfer_fits import (
     MOST_SCATTER,
     ParametricLattice,
@@ -64,8 +64,8 @@ class Sites:
     """The unknowns of the sites of a structure, in standard deviations of their scatter.
 
     They are the strengths of all `acting` particles, then the springs of the movable ones, then the anchors of all `acting` ones.
-    The rest positions follow from them to first order. Because neighbours hold particles back, displacements of long wavelength
-    are larger than those of short wavelength.
+    The rest positions follow from them. Because neighbours hold particles back, displacements of long wavelength are larger than
+    those of short wavelength.
 
     Attributes
     ----------
@@ -75,27 +75,20 @@ class Sites:
         Which springs have an unknown.
     spacing : float
         Shortest bond in mm.
-    rest : ndarray, shape (particles * dim, unknowns)
-        Derivatives of the rest positions by strengths and springs, in mm, and by anchors.
     """
 
     acting: np.ndarray
     tied: np.ndarray
     spacing: float
-    rest: np.ndarray
 
     @classmethod
     def of(cls, system: LinearSystem) -> Sites:
-        calc, n = system.calc, len(system) * system.dim
-        springs = np.broadcast_to(calc.foundation, (len(system), system.dim))
-        tied = (springs > 0) & system.mobile[:, None]
+        calc = system.calc
+        tied = (np.broadcast_to(calc.foundation, (len(system), system.dim)) > 0) & system.mobile[:, None]
         acting, stiff = system.mobile.copy(), calc.bond_sizes[1]
         for one, other in ((calc.bonds.i, calc.bonds.j), (calc.bonds.j, calc.bonds.i)):
             acting[one[system.mobile[other] & (stiff > FAINT * stiff.max())]] = True
-        before = len(system) + tied.sum()
-        rest = np.eye(n, before + n, before) if calc.load.any() else _rest(system, springs, tied)
-        kept = np.concatenate([acting, np.ones(tied.sum(), bool), np.repeat(acting, system.dim)])
-        return cls(acting, tied, float(calc.bonds.lengths.min()), rest[:, kept])
+        return cls(acting, tied, float(calc.bonds.lengths.min()))
 
     @property
     def ends(self) -> list[int]:
@@ -120,11 +113,11 @@ class Sites:
         return (scatter * [1.0, 1.0, self.spacing])[self.kinds]
 
     def parts(self, z: NDArray[np.float64], scatter: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """Logarithms of strengths, shape (particles,), and of springs, and shifts of rest in mm, shape (particles, dim)."""
-        strengths, springs, _ = np.split(self.size(scatter) * z, self.ends[:2])
-        of_particles, each = np.zeros(len(self.tied)), np.zeros(self.tied.shape)
-        of_particles[self.acting], each[self.tied] = strengths, springs
-        return of_particles, each, (self.rest @ (self.size(scatter) * z)).reshape(self.tied.shape)
+        """Logarithms of strengths, shape (particles,), and of springs, and shifts of anchors in mm, shape (particles, dim)."""
+        strengths, springs, anchors = np.split(self.size(scatter) * z, self.ends[:2])
+        of_particles, each, moved = np.zeros(len(self.tied)), np.zeros(self.tied.shape), np.zeros(self.tied.shape)
+        of_particles[self.acting], each[self.tied], moved[self.acting] = strengths, springs, anchors.reshape(-1, moved.shape[1])
+        return of_particles, each, moved
 
     def means(self, built: ParametricLattice, names: Sequence[str], scatter: NDArray[np.float64]) -> NDArray[np.float64]:
         """Matrix M, shape (names, unknowns): M z is the mean over the sites of this patch of the logarithm of each parameter."""
@@ -138,35 +131,44 @@ class Sites:
                 row[self.ends[0] : self.ends[1]] = of / of.sum()
         return M * self.size(scatter)
 
-
-def _rest(system, springs, tied):
-    """The matrix `Sites.rest` for particles that are held at rest by their neighbours and springs."""
-    calc, free = system.calc, np.repeat(system.mobile, system.dim)
-    C, R, H = calc.bonds.incidence, calc.bond_vectors, calc.rest_hessian('complete').toarray()
-    force = -(calc.law.dphi(calc.bonds.lengths) / calc.bonds.lengths)[:, None] * R
-    by_strengths = np.stack([(C.T @ sparse.diags_array(f) @ abs(C)).toarray() for f in force.T], axis=1).reshape(len(H), -1)
-    by_springs = np.diag(-calc.slack[:, : system.dim].ravel())[:, tied.ravel()]
-    by_anchors = np.where(free, np.diag(springs.ravel()), -H)
-    push = np.hstack([by_strengths, by_springs * springs[tied], by_anchors])
-    moved = np.zeros_like(push)
-    moved[free] = np.linalg.solve(H[free][:, free], push[free])
-    moved[~free, -len(H) :] = np.eye(len(H))[~free]
-    return moved
+    def moves(self, system: LinearSystem) -> NDArray[np.float64]:
+        """Derivatives of the rest positions by strengths and springs in mm, and by anchors, shape (particles * dim, unknowns)."""
+        calc, free, n = system.calc, np.repeat(system.mobile, system.dim), self.tied.size
+        kept = np.repeat(self.acting, system.dim)
+        if calc.load.any():  # measured positions, which a load balances
+            return np.hstack([np.zeros((n, self.ends[1])), np.eye(n)[:, kept]])
+        C, H = calc.bonds.incidence, calc.rest_hessian('complete').toarray()
+        force = -(calc.law.dphi(calc.bonds.lengths) / calc.bonds.lengths)[:, None] * calc.bond_vectors
+        by_strengths = np.stack([(C.T @ sparse.diags_array(f) @ abs(C)).toarray() for f in force.T], axis=1).reshape(n, -1)
+        by_springs = np.diag(np.broadcast_to(calc.spring_forces, self.tied.shape).ravel())
+        by_anchors = np.where(free, np.diag(np.broadcast_to(calc.foundation, self.tied.shape).ravel()), -H)
+        push = np.hstack([by_strengths[:, self.acting], by_springs[:, self.tied.ravel()], by_anchors[:, kept]])
+        moved = np.zeros_like(push)
+        moved[free] = np.linalg.solve(H[free][:, free], push[free])
+        moved[~free, self.ends[1] :] = np.eye(n)[~free][:, kept]
+        return moved
 
 
 def at_sites(built: ParametricLattice, sites: Sites, z: NDArray[np.float64], scatter: NDArray[np.float64]) -> ParametricLattice:
-    """The lattice with individual sites at their positions; whether the forces balance there is not checked."""
-    calc = built.system.calc
+    """The lattice with individual sites, at rest; measured positions, which a load balances, move with their anchors instead.
+
+    Raises ValueError for sites out of all proportion, and if nothing holds them.
+    """
+    system, calc = built.system, built.system.calc
     strengths, springs, moves = sites.parts(z, scatter)
     if max(abs(strengths).max(initial=0.0), abs(springs).max(initial=0.0)) > BOUND:
         raise ValueError(f'a site is more than {MOST_FACTOR:g} times as strong or stiff as the others, or as weak or soft')
+    measured = bool(calc.load.any())
     strengths, springs, moved = np.exp(strengths), np.exp(springs), np.zeros((len(moves), 3))
-    moved[:, : moves.shape[1]] = moves
-    reference = calc.reference.copy()
-    reference.positions += moved
+    moved[:, : system.dim] = moves
     own = replace(calc.sites, strengths=calc.strengths * strengths, anchors=calc.anchors + moved,
                   foundation=calc.foundation * springs)
-    system = LinearSystem.about(calc.changed(reference, sites=own), built.system.atoms)
+    reference = calc.reference.copy()
+    reference.positions += moved if measured else np.where(system.mobile[:, None], 0.0, moved)
+    if not measured:
+        sprung = calc.changed(reference, sites=own, model='complete')  # as in all statics
+        reference.positions[:, : system.dim] += Structure(LinearSystem.about(sprung, system.atoms).atoms).rest().bent
+    system = LinearSystem.about(calc.changed(reference, sites=own), system.atoms)
     pairs, changes = strengths[calc.bonds.i] * strengths[calc.bonds.j], {}
     for name, change in built.changes.items():
         law = change.law and force_change(change.law, pairs)
@@ -177,18 +179,19 @@ def at_sites(built: ParametricLattice, sites: Sites, z: NDArray[np.float64], sca
 def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sites: Sites,
                 scatter: NDArray[np.float64]) -> NDArray[np.float64]:
     """Derivatives of all responses by the unknowns of the sites, shape (points, unknowns), from the fields of `solved`."""
-    rest, (n, dim) = Rest.of(built.system), sites.tied.shape
+    rest, (n, dim), moves = Rest.of(built.system), sites.tied.shape, sites.moves(built.system)
     i, j, C = rest.frame.bonds.i, rest.frame.bonds.j, rest.frame.bonds.incidence
-    by_strength_and_turns = np.concatenate([rest.K(rest.model)[..., None], rest.turns], axis=-1)
+    by_strength_and_turns = np.concatenate([rest.K(rest.model)[..., None], rest.turns], axis=-1).reshape(len(i), dim**2, -1)
     found = []
     for one in own:
-        x, y = ((basis @ field.T).T.reshape(-1, n, dim) for field in (one.x, one.y))
-        bent = np.einsum('fbx,fby,bxyz->zbf', x[:, j] - x[:, i], y[:, j] - y[:, i], by_strength_and_turns, optimize=True)
-        moved = np.stack([C.T @ along for along in bent[1:]], axis=1).reshape(n * dim, -1)
-        slopes = -moved.T @ sites.rest
-        direct = (abs(C).T @ bent[0])[sites.acting].T, (x * y * rest.springs)[:, sites.tied]
+        x, y = ((basis @ field.T).reshape(n, dim, -1).swapaxes(1, 2) for field in (one.x, one.y))
+        stretched = (x[j] - x[i])[..., None] * (y[j] - y[i])[:, :, None]
+        bent = stretched.reshape(len(i), -1, dim**2) @ by_strength_and_turns  # of each bond and frequency
+        moved = np.moveaxis((C.T @ bent[..., 1:].reshape(len(i), -1)).reshape(n, -1, dim), 1, 2).reshape(n * dim, -1)
+        slopes = -moved.T @ moves
+        direct = (abs(C).T @ bent[..., 0])[sites.acting].T, (x * y * rest.springs[:, None]).swapaxes(1, 2)[sites.tied].T
         slopes[:, : sites.ends[1]] -= np.hstack(direct)
-        found.append(slopes if isinstance(one.function.drive, Dof) else one.omega[:, None] ** 2 * slopes)
+        found.append(one.omega[:, None] ** 2 * slopes if one.function.shaken else slopes)
     return np.concatenate(found) * sites.size(scatter)
 
 
@@ -340,19 +343,18 @@ class _Problem(ManyUnknowns):
         is left; None if no scatter has more evidence.
         """
         one = self
-        for _ in range(ROUNDS):
+        for more in reversed(range(ROUNDS + 1)):
             place = one.descended(place, MOST, FINE)
             at = one.linear(place)
             factors, determined, gained = scatter_factors(at, place.z, one.sites.kinds, np.log(FIRST / one.scatter))
             if gained < 0:
                 return None
             left = 1.0 if known else float(np.sqrt(at.r @ at.r / (len(at.r) - len(place.x) - determined)))
-            if abs(np.log([*factors, left])).max() < SETTLED:
-                return place, at, one.scatter, one.noise
+            if abs(np.log([*factors, left])).max() < SETTLED or not more:
+                break
             place = place._replace(z=place.z / factors[one.sites.kinds])  # the same sites
             one = replace(one, scatter=one.scatter * factors, noise=one.noise * left)
-        place = one.descended(place, MOST, FINE)
-        return place, one.linear(place), one.scatter, one.noise
+        return place, at, one.scatter, one.noise  # pyright: ignore[reportPossiblyUnbound]  ROUNDS is not zero
 
 
 def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],

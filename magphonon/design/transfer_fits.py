@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.optimize import least_squares
 
-from ..errors import Unstable
 from ..response.frf import Dof, base_force, resolvents
 from ..response.normal_modes import refuse_unstable
 from ..traits import LIKE, takes
@@ -125,7 +124,7 @@ def solved(built: ParametricLattice, functions: Sequence[TransferFunction], wide
     system, dim = built.system, built.system.dim
     omega, where = np.unique(np.concatenate([one.omega for one in functions]), return_inverse=True)
     where = np.split(where, np.cumsum([len(one.omega) for one in functions])[:-1])
-    ends = [(_place(one).force(len(system)), _push(system, one.drive)) for one in functions]
+    ends = [(one.answer.force(len(system)), _push(system, one.drive)) for one in functions]
     forces = {force.tobytes(): force for both in ends for force in both}
     basis, found = _fields(system, [*forces.values()], omega, built.damping + widened)
     fields, own = dict(zip(forces, found, strict=True)), []
@@ -162,14 +161,10 @@ def _slopes(solved, names, M, stiff, damping, widened):
     of = {name: -(x * (dH @ y.T).T).sum(axis=1) for name, dH in stiff.items()}
     of |= {'damping': -1j * w * damping * weight, 'mass': -inertia * weight}
     if not isinstance(one.drive, Dof):  # shaken: the force goes with the mass, and w^2
-        of['mass'] = of['mass'] + (h - _place(one).direction @ one.drive) / w**2
+        of['mass'] = of['mass'] + (h - one.answer.direction @ one.drive) / w**2
         of = {name: w**2 * slope for name, slope in of.items()}
     of['gain'] = h
     return np.reshape([of[name] for name in names], (len(names), len(w)))
-
-
-def _place(function) -> Dof:
-    return function.answer
 
 
 def _push(system, drive):
@@ -286,7 +281,7 @@ def _solved(build, names, functions, start, tolerance, *, before, widened=0.0):
     def residuals(x):
         try:
             return np.append(split(weight * (measured - at(tuple(x))[0])), before.root @ (before.centre - x))
-        except Unstable:
+        except ValueError:  # no such law, or nothing holds the lattice
             if np.array_equal(x, start):
                 raise
             return np.full(2 * len(measured) + len(before.root), np.inf)  # from which a step of the trust region is shortened

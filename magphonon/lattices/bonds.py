@@ -310,7 +310,7 @@ class Bonds:
     def __len__(self) -> int:
         return len(self.i)
 
-    @cached_property
+    @property
     def lengths(self) -> NDArray[np.float64]:
         """Bond lengths at rest in mm, shape (bonds,)."""
         return lengths_of(self.vectors)
@@ -450,11 +450,12 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
     if not len(bonds):
         raise ValueError(f'no two particles are within the cutoff of {cutoff:g} mm; increase it, or check the unit of the '
                          'positions')
-    near = bonds.lengths[np.argmin(abs(bonds.lengths - cutoff))]
+    lengths = bonds.lengths
+    near = lengths[np.argmin(abs(lengths - cutoff))]
     if abs(near - cutoff) <= ON_SHELL * cutoff:
         raise ValueError(f'the cutoff {cutoff:g} mm falls on a shell of neighbours at {near:.9g} mm; '
                          'move it between two shells, or give shells=')
-    return bonds if near < cutoff and bonds.longest < cutoff else bonds.among(bonds.lengths < cutoff)
+    return bonds if near < cutoff and bonds.longest < cutoff else bonds.among(lengths < cutoff)
 
 
 def bonds_within(atoms: Atoms, cutoff: float) -> Bonds:

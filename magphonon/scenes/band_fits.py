@@ -59,7 +59,8 @@ ANY_EXPONENT = 4.5, 3.0
 SAME = 1e-9  # relative difference of numbers that were only written in other units
 EXPONENT = 'exponent'  # of a table of forces: a parameter of a fit that is not reported
 BENDS = tuple(f'bend {k + 1}' for k in range(len(RATES)))  # nor are those by which a law departs from an inverse power
-FROM, KNOTS = 0.5, 48  # of the table of such a law: its first distance in spacings, and their number
+UNTOLD = EXPONENT, *BENDS
+FROM, KNOTS, DECADES = 0.5, 48, 11  # of the table of such a law: first distance in spacings, number, and range of forces
 TELLS = 3.0
 """Difference of the models in sigmas below which the data cannot distinguish them."""
 DOUBT = 0.05
@@ -107,7 +108,7 @@ class BandFits:
     @property
     def names(self) -> tuple[str, ...]:
         """The fitted parameters: 'force' (at the spacing), 'a' or 'screening_length', 'foundation' or its parts along x and y."""
-        return tuple(name for name in self.fits['complete'].names if name not in (EXPONENT, *BENDS))
+        return tuple(name for name in self.fits['complete'].names if name not in UNTOLD)
 
     @property
     def of_any_law(self) -> bool:
@@ -164,10 +165,7 @@ class BandFits:
         """
         fit = self.fits[one_of('model', model, MODELS)]
         part = next(part for part, one in self.parts[model].items() if one is fit)
-        scene = with_factors(self.scene, fit.by_name)
-        if BENDS[0] in fit.names:
-            r = np.geomspace(FROM * scene.lattice.spacing_m * u.m, self.lattices[ALL].r[-1], KNOTS)
-            scene = with_table(scene, r, -_bent(scene, fit.by_name)[0].dphi(r))
+        scene = with_bends(with_factors(self.scene, fit.by_name), fit.by_name, self.lattices[ALL].r[-1])[0]
         return scene.with_shells(1 if part == NEAREST else 'auto')
 
     def values(self, model: Model = 'complete', part: str | None = None) -> dict[str, tuple[float, float]]:
@@ -243,14 +241,13 @@ def parameters_in(scene: Scene) -> tuple[str, ...]:
     return ('force', *([shape] if shape else []), *names)
 
 
-def free_names(have: Sequence[str], fixed: Sequence[str], priors: Collection[str],
-               known: Sequence[str] = ()) -> tuple[str, ...]:
-    """The parameters of `have` that are not fixed, and those of `known` that have a prior; ValueError for any other name."""
+def free_names(have: Sequence[str], fixed: Sequence[str], priors: Collection[str]) -> tuple[str, ...]:
+    """The parameters of `have` that are not fixed; ValueError for any other name."""
     for name in fixed:
         one_of('the fixed parameter', name, have)
     for name in priors:
-        one_of('the parameter of a prior', name, (*have, *known))
-    return tuple(name for name in (*have, *known) if name not in fixed and (name in have or name in priors))
+        one_of('the parameter of a prior', name, have)
+    return tuple(name for name in have if name not in fixed)
 
 
 def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
@@ -323,25 +320,31 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
 
 def _fit(scene: Scene, lattices: Mapping[str, Shells], part: str, points: RidgePoints, names: tuple[str, ...],
          priors: Mapping[str, tuple[float, float]], without: Sequence[str], model: Model) -> DispersionFit:
-    """The fit of one model with some neighbours, with the residuals of the ridges that are left out.
-
-    An error of the exponent of a table is one more parameter, whose prior is the tolerance in [uncertainty]. An inverse power
-    that stands for any smooth law has two more, by which it relaxes to another exponent.
-    """
+    """The fit of one model with some neighbours, with the residuals of the ridges that are left out."""
     own, left_out = _divided(points, without)
     fixed = [name for name in parameters_of(scene) if name not in names]
     relative = {name: relative_prior(name, value_of(scene, name), *priors[name], fixed) for name in priors}
-    if 'a' in names and scene.law.kind == 'inverse_power':
-        a, sigma = ANY_EXPONENT
-        relative = {'a': (a / scene.law.a, sigma / a)} | relative
-        if part == ALL:
-            names, relative = (*names, *BENDS), relative | dict.fromkeys(BENDS, (1.0, 1.0))
-    if 'force' in names and (unsure := unsure_exponent(scene)):
-        names, relative = (*names, EXPONENT), relative | {EXPONENT: (1.0, unsure)}
+    names, relative = of_any_law(scene, names, relative, part == ALL)
     build = partial(_built, scene)
     fit = fit_dispersion(lattices[part], build, names, own, model, relative)
     bands = Bands(lattices[part], model, *build(fit.by_name))
     return replace(fit, missed=residuals_of(bands, left_out)) if len(left_out) else fit
+
+
+def of_any_law(scene: Scene, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]],
+               far: bool) -> tuple[tuple[str, ...], dict[str, tuple[float, float]]]:
+    """Names and priors with those of the parameters by which a law departs from that of the scene.
+
+    An error of the exponent of a table is one more parameter, whose prior is the tolerance in [uncertainty]. An inverse power
+    that stands for any smooth law, also between `far` neighbours, has two more, by which it relaxes to another exponent.
+    """
+    own = dict(priors)
+    if 'a' in names and scene.law.kind == 'inverse_power':
+        a, sigma = ANY_EXPONENT
+        own = {'a': (a / scene.law.a, sigma / a)} | own | dict.fromkeys(BENDS * far, (1.0, 1.0))
+    if 'force' in names and scene.law.kind == 'table' and scene.uncertainty and scene.uncertainty.exponent:
+        own[EXPONENT] = 1.0, scene.uncertainty.exponent
+    return (*names, *(name for name in own if name in UNTOLD)), own
 
 
 def _all_neighbours(cell):
@@ -368,6 +371,18 @@ def _bent(scene, factors):
     return law, {name: StiffnessDerivative(law=family.change(law, v)) for name, v in zip(names, along, strict=True)}
 
 
+def with_bends(scene: Scene, factors: Mapping[str, float], reach: float) -> tuple[Scene, dict[str, StiffnessDerivative]]:
+    """The scene with a table, to a distance `reach` in mm, of its inverse power bent by the `factors`, and what these change."""
+    if BENDS[0] not in factors:
+        return scene, {}
+    law, changes = _bent(scene, factors)
+    r = np.geomspace(FROM * scene.lattice.spacing_m * u.m, reach, KNOTS)
+    r = r[abs(np.log10(-law.dphi(r) / u.N)) < DECADES]
+    own, columns = scene.law, {'distances_m': (r / u.m).tolist(), 'forces_N': (-law.dphi(r) / u.N).tolist()}
+    table = TableLaw.model_validate({'kind': 'table', 'shells': own.asked, **columns})
+    return scene.model_copy(update={'law': table.with_shells(own.shells, own.reach)}), changes
+
+
 def _divided(points, without):
     """The points to fit and the points of the ridges left out, in both cases only points that share no noise."""
     for name in without:
@@ -392,11 +407,6 @@ def _refuse_two_springs(points, free):
         raise ValueError('ridges of a point source are shifted and cannot determine two springs, along x and along y; state what '
                          'is known of them (--prior foundation_x_N_per_m=20+-2), fix one of the springs, remove '
                          'foundation.stiffness_y_N_per_m, or drive a row of sources')
-
-
-def unsure_exponent(scene: Scene) -> float:
-    """The standard deviation of the exponent of a table of forces, as stated in [uncertainty]; zero if not stated."""
-    return (scene.law.kind == 'table' and scene.uncertainty is not None and scene.uncertainty.exponent) or 0.0
 
 
 def relative_prior(name: str, present: float, value: float, sigma: float, fixed: Sequence[str]) -> tuple[float, float]:
@@ -467,13 +477,6 @@ def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:
     return varied(scene, springs)
 
 
-def with_table(scene: Scene, r: NDArray[np.float64], f: NDArray[np.float64]) -> Scene:
-    """The scene with a table of forces as its law, between as many neighbours as before."""
-    own, columns = scene.law, {'distances_m': (r / u.m).tolist(), 'forces_N': (f / u.N).tolist()}
-    table = TableLaw.model_validate({'kind': 'table', 'shells': own.asked, **columns})
-    return scene.model_copy(update={'law': table.with_shells(own.shells, own.reach)})
-
-
 def varied(scene: Scene, factors: Mapping[str, float]) -> Scene:
     """The scene with parameters multiplied by `factors`, a dict of their names; 1 + delta changes an exponent by delta."""
     for name, factor in factors.items():
@@ -490,5 +493,5 @@ def _multiplied(table, place, factor):
     if rest:
         value = _multiplied(value, rest, factor)
     else:
-        value = tuple((factor * np.array(value)).tolist()) if isinstance(value, tuple) else factor * value
+        value = tuple((factor * np.array(value)).tolist()) if isinstance(value, tuple) else value and factor * value
     return table.model_copy(update={key: value})

@@ -32,13 +32,12 @@ if TYPE_CHECKING:
 UNITS = band_fits.UNITS | {'damping': '1/s', 'mass': 'kg', 'gain': ''}
 KEYS = band_fits.KEYS | {'damping_per_s': 'damping', 'mass_kg': 'mass'}
 SAME_DIRECTION = 1e-3  # rad: within it two directions in which a bench is shaken are one
-GAIN = 0.01
-"""Default relative standard uncertainty of the calibration of an instrument, force and motion together."""
+GAIN, MASS = 0.01, 0.01
+"""Default relative standard uncertainties of the calibration of an instrument, force and motion together, and of the mass."""
+REACH = 8.0  # of the table of a law that departs from its inverse power, in spacings; beyond, it goes on as it ends
 CONTRADICTS = 3.5  # sigmas above which a prior contradicts the data
 CLEARLY = 1.5
 """Ratio of the residuals of the two models from which on one of them is ruled out where sites scatter, chosen by judgement."""
-
-
 LIKELY, MOST_SITES, EXPLAINS = 4, 100, 2.0
 """Number of places of a missing magnet that are tried in a whole fit, largest number of places, and factor by which the residual
 falls without it."""
@@ -115,13 +114,14 @@ class FrfFits:
 
     def fitted(self, model: Model = 'complete') -> Scene:
         """The scene with the parameters of the fit, without the gain, which belongs to the instrument."""
-        return _with(self.scene, self.fits[one_of('model', model, MODELS)].by_name)
+        return _with(self.scene, self.fits[one_of('model', model, MODELS)].by_name)[0]
 
     def values(self, model: Model = 'complete') -> dict[str, tuple[float, float]]:
         """Value in SI and relative standard uncertainty of each parameter, and of the stiffness of a bond, -df/dr."""
-        fit, scene = self.fits[one_of('model', model, MODELS)], self.fitted(model)
-        found = {name: (fit.by_name['gain'] if name == 'gain' else value_of(scene, name), sigma)
-                 for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True)}
+        fit = self.fits[one_of('model', model, MODELS)]
+        found = {name: (value_of(self.scene, name) * fit.by_name[name], sigma)
+                 for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True) if name not in band_fits.UNTOLD}
+        scene = band_fits.with_factors(self.scene, fit.by_name)  # bends change neither force nor slope at the spacing
         if (slopes := band_fits.bond_powers(scene, fit.names)).any():
             found['bond stiffness'] = value_of(scene, 'bond stiffness'), fit.sigma_along(slopes)
         return found
@@ -144,10 +144,10 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
         The functions that `read_transfer` returns.
     fixed : sequence of str
         Parameters that are known exactly: 'force', 'a' (or 'screening_length'), 'foundation' (or 'foundation_x' and
-        'foundation_y'), 'damping'.
+        'foundation_y'), 'damping', 'mass'.
     priors : dict, optional
-        Prior knowledge about parameters: value in SI and standard uncertainty.  'mass', common to all particles, is fitted only
-        if it has a prior.
+        Prior knowledge about parameters: value in SI and standard uncertainty.  The 'mass', common to all particles, is otherwise
+        known to a percent (`MASS`).
     gain_sigma : float
         Relative standard uncertainty of the calibration; with zero it counts as exact.
     stated : collection of {'complete', 'conventional'}
@@ -170,15 +170,17 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     >>> round(fits.values()['gain'][0], 3)
     1.1
     """
-    have, priors = (*band_fits.parameters_in(scene), 'damping'), dict(priors or {})
+    have, priors = (*band_fits.parameters_in(scene), 'damping', 'mass'), dict(priors or {})
     if scene.cell().has('relative_damping'):
         raise ValueError('lattice.file has the column relative_damping, but a fit of transfer functions supports only one '
                          'damping for all particles; remove the column')
     scene = scene.counted()
-    names = band_fits.free_names(have, fixed, priors, ('mass',))
+    names = band_fits.free_names(have, fixed, priors)
+    if 'mass' in names:
+        priors.setdefault('mass', (value_of(scene, 'mass'), MASS * value_of(scene, 'mass')))
     if not_negative('gain_sigma', gain_sigma):
         names, priors['gain'] = (*names, 'gain'), (1.0, gain_sigma)
-    relative, own = _relative_priors(scene, priors, fixed), with_dofs(scene, functions)
+    (names, relative), own = _with_priors(scene, names, priors, fixed), with_dofs(scene, functions)
     band_fits.refuse_copies((one.name, [one.omega, abs(one.response)]) for one in own)
     fits, start = {}, None
     build = {model: partial(_built, scene, model) for model in MODELS}
@@ -187,16 +189,26 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
         start = fits[model].factors
     best = min(fit.square for fit in fits.values())
     for model, fit in fits.items():  # a model that is clearly worse needs no interval
-        worse = fit.square > CLEARLY**2 * best
-        if worse or model in stated:
-            fits[model] = fit.refused if worse else with_site_unknowns(fit, build[model], own, relative)
+        if fit.square > CLEARLY**2 * best:
+            fits[model] = fit.refused
+        elif model in stated:
+            fits[model] = _with_sites(fit, build[model], own, relative)
     return FrfFits(scene, own, fits, priors)
 
 
-def _relative_priors(scene, priors, fixed=()):
-    """The priors, as factors of the present values and relative standard uncertainties."""
-    return {name: (value, sigma) if name == 'gain' else
-            band_fits.relative_prior(name, value_of(scene, name), value, sigma, fixed) for name, (value, sigma) in priors.items()}
+def _with_sites(fit, *problem):
+    """The fit with unknowns of the sites, from where the fit without them ended; if that fails, from the scene."""
+    found, again = with_site_unknowns(fit, *problem), replace(fit, factors=np.ones_like(fit.factors))
+    return found if found.follows else max(found, with_site_unknowns(again, *problem), key=lambda one: one.follows)
+
+
+def _with_priors(scene, names, priors, fixed=()):
+    """All parameters of a fit, and the priors as factors of the present values and relative standard uncertainties."""
+    relative = {name: (value, sigma) if name == 'gain' else
+                band_fits.relative_prior(name, value_of(scene, name), value, sigma, fixed)
+                for name, (value, sigma) in priors.items()}
+    far = scene.law.shells != 1 or getattr(scene.lattice, 'cutoff', None) is not None
+    return band_fits.of_any_law(scene, names, relative, far)
 
 
 def missing_magnet(found: FrfFits) -> NDArray[np.float64] | None:
@@ -210,7 +222,7 @@ def missing_magnet(found: FrfFits) -> NDArray[np.float64] | None:
     sites = np.setdiff1d(np.flatnonzero(freedom(atoms)[0]), measured).tolist()
     if scene.single or scene.finite or len(sites) > MOST_SITES:
         return None
-    relative, left = _relative_priors(scene, found.priors), {}
+    relative, left = _with_priors(scene, better.names, found.priors)[1], {}
     places = atoms.calc.reference.positions[:, :2] / u.m
     for k in tqdm(sites, desc='missing magnets', disable=None, leave=False):
         with suppress(PhysicsError):  # nothing holds the others
@@ -365,19 +377,21 @@ def _place(atoms: Atoms, place: NDArray[np.float64] | Dof | None, name: str) -> 
 
 def _built(scene, model, factors):
     """The `ParametricLattice` of the scene with its parameters multiplied by factors."""
-    there = _with(scene, {name: factor for name, factor in factors.items() if name not in ('mass', 'gain')})
+    there, bends = _with(scene, {name: factor for name, factor in factors.items() if name != 'mass'})
     atoms, *_ = there.shaken(model, bench=True)
     atoms.set_masses(atoms.get_masses() * factors.get('mass', 1.0))
-    return ParametricLattice(LinearSystem.of(atoms), there.frf.damping, band_fits.changes_of(there))
+    return ParametricLattice(LinearSystem.of(atoms), there.frf.damping, band_fits.changes_of(there) | bends)
 
 
 def _with(scene, factors):
+    """The scene with its parameters multiplied by factors, and what those change by which its law departs from a power."""
     frf = scene.frf.model_copy(update={'damping_per_s': scene.frf.damping_per_s * factors.get('damping', 1.0)})
-    return band_fits.with_factors(scene, factors).model_copy(update={'frf': frf})
+    there = band_fits.with_factors(scene, factors).model_copy(update={'frf': frf})
+    return band_fits.with_bends(there, factors, REACH * scene.lattice.spacing_m * u.m)
 
 
 def value_of(scene: Scene, name: str) -> float:
-    """A parameter of the scene in SI."""
-    if name == 'damping':
-        return float(scene.frf.damping_per_s)
-    return float(scene.lattice.mass_kg) if name == 'mass' else band_fits.value_of(scene, name)  # pyright: ignore[reportArgumentType]  of a lattice
+    """A parameter of the scene in SI; the mass is the mean one of the particles."""
+    if name in ('damping', 'gain'):
+        return float(scene.frf.damping_per_s) if name == 'damping' else 1.0
+    return float(scene.lattice.cell().get_masses().mean() / u.kg) if name == 'mass' else band_fits.value_of(scene, name)

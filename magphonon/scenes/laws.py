@@ -189,6 +189,7 @@ class SavedLaw(Table):
     """The law, bonds and foundation of the calculator stored in the file of the lattice, as `write_scene` saves it."""
 
     shells: ClassVar = 'saved'
+    asked: ClassVar = 'saved'
 
     kind: Literal['saved']
 

@@ -291,7 +291,8 @@ class PairCalculator(Repulsion):
         bonds = self.bonds
         if (bonds.i == bonds.j).all():
             return np.zeros((bonds.particles, self.dim)), np.zeros((bonds.particles, 1))
-        sizes = sum(np.bincount(end, self.bond_sizes[0], bonds.particles) for end in (bonds.i, bonds.j))
+        force = self.bond_sizes[0]
+        sizes = sum(np.bincount(end, force, bonds.particles) for end in (bonds.i, bonds.j))
         return bonds.net(self.interaction.forces(self.bond_vectors)[1]), sizes[:, None]
 
     @cached_property

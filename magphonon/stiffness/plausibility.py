@@ -54,7 +54,7 @@ EPS = np.finfo(float).eps
 
 def _stiffest(calc: Repulsion) -> tuple[float, float]:
     """Stiffness in N/mm of the stiffest bond, and of the stiffest spring of a site."""
-    return float(calc.bond_sizes[1].max(initial=0.0)), float(np.max(abs(np.asarray(calc.foundation))))
+    return calc.largest[1], float(np.max(abs(np.asarray(calc.foundation))))
 
 
 def frequency_scale(calc: Repulsion) -> float:
@@ -126,7 +126,7 @@ def _warn_of_stiffness(calc, shortest, bond, spring, has_units):
     if WEAK[0] * spring < bond < WEAK[1] * spring:
         _warn(f'the stiffest bond has {bond:.3g} N/mm beside a foundation of {spring:.6g} N/mm',
               'if b of the law was meant in N m^a, give b * units.N * units.m**a')
-    force = float(calc.bond_sizes[0].max(initial=0.0))
+    force = calc.largest[0]
     if not force > PRESSURE * shortest**2 or not _repel(calc):
         return
     what, a = f'a force of {force:.3g} N between particles {shortest:.6g} mm apart is more than magnets can have', bond / force
@@ -220,6 +220,8 @@ def warn_of_hertz(calc: Repulsion, omega: NDArray[np.float64]) -> None:
 
 def refuse_infinite(calc: PairCalculator) -> None:
     """Refuse a law whose force or stiffness at some bond is not a finite number."""
+    if np.isfinite(calc.largest).all():
+        return
     bonds = calc.bonds
     for what, unit, value in zip(('force', 'stiffness'), ('N', 'N/mm'), calc.bond_sizes, strict=True):
         for b in np.flatnonzero(~np.isfinite(value))[:1]:

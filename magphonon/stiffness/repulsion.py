@@ -149,10 +149,16 @@ class Repulsion(Calculator):
         """Displacement in mm beyond which the nearest site may belong to another particle."""
         return NEAR * self.bonds.shortest
 
-    @cached_property
+    @property
     def bond_sizes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Size of the force of each bond at rest in N, and of its stiffness against stretching in N/mm."""
         return sizes(self.bonds.vectors[:, : self.dim], self.interaction)
+
+    @cached_property
+    def largest(self) -> tuple[float, float]:
+        """Size of the largest force of a bond at rest in N, and of the largest stiffness against stretching in N/mm."""
+        force, stiffness = self.bond_sizes
+        return float(force.max(initial=0.0)), float(stiffness.max(initial=0.0))
 
     @cached_property
     def supercells(self) -> list[Any]:

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from ..errors import NotAtRest, indices
+from ..interactions.bond_laws import taken
 from ..lattices.bonds import lengths_of
 from ..traits import refuse, running
 from .calculator import PairCalculator, same_cell
@@ -144,10 +145,25 @@ class LinearSystem:
             if abs(u).max(initial=0.0) <= ELSEWHERE * calc.bonds.shortest:
                 return reference
             with suppress(ValueError):  # of bonds out of range
+                if reference._drives_back(u):
+                    return reference
                 if calc.model == 'complete' and reference.unbalanced(reference.static + calc.forces_beyond_rest(u)).any():
                     return reference
         here = cls.about(calc.about(atoms), atoms)
         return here if here.left.max(initial=0.0) <= reference.left.max(initial=0.0) else reference
+
+    def _drives_back(self, u):
+        """Whether forces act on the particle that is displaced most by u, so that no rest is there; one is soon looked at."""
+        calc, k = self.calc, int(np.einsum('ix,ix->i', u, u).argmax())
+        bonds, law = calc.bonds, calc.interaction.central(calc.dim)
+        own = np.flatnonzero((bonds.i == k) | (bonds.j == k))
+        if law is None or not len(own):
+            return False
+        R = calc.bond_vectors[own] + u[bonds.j[own]] - u[bonds.i[own]]
+        r, outward = lengths_of(R), np.subtract(bonds.i[own] == k, bonds.j[own] == k, dtype=int)
+        forces = np.zeros_like(u)
+        forces[k] = self.static[k] + calc.bond_forces[0][k] - (calc.foundation * u)[k] + outward * taken(law, own).dphi(r) / r @ R
+        return self.unbalanced(forces).any()
 
     @classmethod
     def about(cls, calc: Repulsion, atoms: Atoms) -> Self:
@@ -169,7 +185,7 @@ class LinearSystem:
                     'scene whose particles are in a file. If these positions are truly at rest, as in a photo, add the constant '
                     'forces that hold it: atoms.calc.balanced(particles), or positions = "rest"')
         raise NotAtRest('the structure is not at rest, as linear theory requires: a net static force of '
-                        f'{self.left[k]:.4g} N acts on particle {k} (the largest force in a bond is {self._largest[0]:.4g} N), '
+                        f'{self.left[k]:.4g} N acts on particle {k} (the largest force in a bond is {calc.largest[0]:.4g} N), '
                         f'and {np.count_nonzero(self.left)} of {len(self)} particles are not in equilibrium; {instead}{mend}')
 
     def moving(self) -> Self:
@@ -223,7 +239,7 @@ class LinearSystem:
             return np.zeros(len(self))
         calc: Any = self.atoms.calc
         shaken = PLACES * max(abs(calc.reference.positions).max(), calc.bonds.longest)  # in mm
-        force, stiffness = self._largest
+        force, stiffness = calc.largest
         return left * (left > max(BALANCED * force, shaken * stiffness))
 
     def _along_free(self, forces):
@@ -231,12 +247,6 @@ class LinearSystem:
         forces = forces * mobile[:, None]
         forces[guided] -= np.einsum('gxy,gy->gx', barred, forces[guided])
         return forces
-
-    @cached_property
-    def _largest(self):
-        """Largest force of a bond in N, and largest stiffness in N/mm; with AllNeighbours only the nearest bonds count."""
-        calc: Any = self.atoms.calc
-        return tuple(size.max(initial=0.0) for size in calc.bond_sizes)
 
     @cached_property
     def free(self) -> sparse.csr_array:

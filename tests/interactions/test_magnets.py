@@ -184,7 +184,7 @@ def test_derivatives_follow_from_the_energy_by_the_complex_step(magnet):
 def test_slender_rods_take_more_terms_and_the_slenderest_are_refused():
     """20 diameters: with 127 terms the force at the nearest distance is 1.6 % off, without a word."""
     rod = Ring(5, 0, 100, 1 * u.T)
-    r = magnet_law(rod).nearest * np.array([1.0, 1.1, 1.5, 3])
+    r = magnet_law(rod).nearest * np.array([1.0, 1.5])
     exact = [pair_force(rod, rod, (d, 0, 0), n=200)[0] for d in r]
     np.testing.assert_allclose(repulsion(magnet_law(rod), r), exact, rtol=1e-7)  # least at the end of the series
     with pytest.raises(ValueError, match='such slender rods'):

@@ -60,7 +60,7 @@ def test_linear_amplitude_is_that_of_the_softest_wave_or_none():
         cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=k)
         return verdict(cell)['amplitude']
 
-    # the twist of kagome stiffens by 27/8 (a + 1) A^2/(k - 6), see test_anharmonic
+    # the twist of kagome stiffens by 27/8 (a + 1) A^2/(k - 6), see test_amplitude_shifts
     assert amplitude('kagome', 6.06) == pytest.approx(np.sqrt(0.01 * 0.06 * 8 / (27 * 5)), rel=1e-6)
     # the softest wave of honeycomb, at K, repeats every third cell, and no shift of it is known
     assert amplitude('honeycomb', 3.03) is None

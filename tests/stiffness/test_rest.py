@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from oracles import Pairs, free_basis
+from oracles import Pairs, free_basis, lattice, neighbour_vectors
 
 from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed, units as u, verdict
 from magphonon.errors import Unstable
+from magphonon.stiffness import LinearSystem
 
 LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
 HZ = 1e3 / (2 * np.pi)
@@ -32,6 +33,30 @@ def holed(k):
     del atoms[int(np.linalg.norm(atoms.positions, axis=1).argmin())]
     atoms.calc = MagneticRepulsion(atoms, LAW, foundation=k, cutoff=12.0)
     return atoms
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_the_particle_displaced_most_is_driven_back_unless_a_load_holds_it(seed):
+    """Its force by the energy of single pairs, with strengths and springs of each particle, in cells and in patches."""
+    rng = np.random.default_rng(seed)
+    cell = lattice(['triangular', 'honeycomb', 'kagome', 'square'][seed % 4])
+    atoms = cell.repeat((4, 4, 1)) if seed < 4 else lattices.hexagon(cell, 30.0)
+    atoms.set_constraint()
+    springs, strengths = rng.uniform(0.1, 0.5, (len(atoms), 2)), rng.uniform(0.5, 2, len(atoms))
+    calc = MagneticRepulsion(atoms, LAW, foundation=springs, strengths=strengths, cutoff=12.0)
+    moved = atoms.copy()
+    moved.positions[:, :2] += rng.normal(0, 0.3, (len(atoms), 2))
+    u = moved.positions - atoms.positions
+    k = int(np.linalg.norm(u, axis=1).argmax())
+    force = -springs[k] * u[k, :2]
+    for i, j, _, vector in neighbour_vectors(atoms, 12.0):
+        R = (vector + u[j] - u[i])[:2]
+        force -= (i == k) * strengths[i] * strengths[j] * LAW.b * np.linalg.norm(R) ** (-LAW.a - 1) * R
+    load = np.zeros((len(atoms), 3))
+    load[k, :2] = -force
+    for held in (False, True):
+        about = calc.about(atoms, held * load)
+        assert LinearSystem.about(about, moved)._drives_back(about.displacements(moved)) != held
 
 
 def test_a_vacancy_on_pillars_stays_or_buckles_as_its_stiffness_says():

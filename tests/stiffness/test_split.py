@@ -258,14 +258,14 @@ def test_a_pin_on_one_atom_is_no_sum_over_pairs(repeat, share):
     Two atoms alone do not see the pin; one that knows its own structure only does not act in several cells either.
     """
     atoms = bulk('Ar', 'fcc', a=5.256).repeat(repeat)
-    lj = LennardJones(sigma=3.4, epsilon=0.0103, rc=7.0)
+    lj = LennardJones(sigma=3.4, epsilon=0.0103, rc=4.5)
     at = int(share * len(atoms))
     for k, acts in ((1.0, lambda n: n > 2), (1.0, lambda n: n == len(atoms)), (np.nan, lambda n: n > 2)):
         atoms.calc = SumCalculator([lj, Pin(k, at, atoms.positions[at].copy(), acts)])
         with pytest.raises(ValueError, match='is not a sum over pairs'):
-            split(atoms, 6.9)
+            split(atoms)
     atoms.calc = lj  # the control
-    split(atoms, 6.9)
+    split(atoms)
 
 
 def test_potentials_of_matscipy_need_a_cell_around_two_atoms():
