@@ -376,7 +376,7 @@ def timestep_limit(case: Case) -> Finding:
         highest = fastest(max(highest_squared(case.system), -lowest), case.gyrating.turning)
     else:
         highest = np.sqrt(max(highest_squared(case.system), 0.0))
-    if case.above is not None:
+    if case.across is not None and case.above is not None:
         across = softest_of(case.across, 'complete', foundation=case.above.spring, weighted=True, upwards=True)
         highest = max(highest, np.sqrt(max(across.highest, 0.0)))
     if not highest:

@@ -3,20 +3,18 @@ I want 40 Hz at M
 =================
 
 The spacing, the exponent, or the height of the pillars that puts the shear branch there, with all neighbours or the nearest.
-Pillars are cantilevers of aluminium, whose stiffness depends on the frequency: as springs with 33/140 of their mass they would
-seem to need 784 and 394 mm.
+Pillars are cantilevers of aluminium; as springs with 33/140 of their mass they would seem to need 784 and 394 mm.
 """
 
 import numpy as np
 from scipy.optimize import brentq
 
-from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, units as u
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, read_scene, units as u
 from magphonon.plotting import panels
-from magphonon.scenes.lattices import Pillar
 
 
 def at_M(spacing=10.0, exponent=4.5824, height=150.0, reach=4.5):
-    rod = Pillar(youngs_modulus_Pa=71e9, radius_m=7.9375e-4, height_m=height / 1e3, density_kg_per_m3=2700)
+    rod = read_scene('neighbours').foundation.pillar.model_copy(update={'height_m': height / 1e3})
     cell = lattices.triangular(spacing * u.mm, mass := 0.707 * u.g + rod.moving_mass_kg * u.kg)
     law = InversePower(0.2369 * u.N * (10 * u.mm)**exponent, exponent)   # 0.2369 N at 10 mm
     cell.calc = MagneticRepulsion(cell, law, cutoff=reach * spacing * u.mm, foundation=rod.stiffness_N_per_m * u.N / u.m)
