@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.optimize import least_squares
 
-from ..errors import Unstable
 from ..response.frf import Dof, base_force, resolvents
 from ..response.normal_modes import refuse_unstable
 from ..traits import LIKE, takes
@@ -282,7 +281,7 @@ def _solved(build, names, functions, start, tolerance, *, before, widened=0.0):
     def residuals(x):
         try:
             return np.append(split(weight * (measured - at(tuple(x))[0])), before.root @ (before.centre - x))
-        except Unstable:
+        except ValueError:  # no such law, or nothing holds the lattice
             if np.array_equal(x, start):
                 raise
             return np.full(2 * len(measured) + len(before.root), np.inf)  # from which a step of the trust region is shortened

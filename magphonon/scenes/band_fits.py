@@ -60,7 +60,7 @@ SAME = 1e-9  # relative difference of numbers that were only written in other un
 EXPONENT = 'exponent'  # of a table of forces: a parameter of a fit that is not reported
 BENDS = tuple(f'bend {k + 1}' for k in range(len(RATES)))  # nor are those by which a law departs from an inverse power
 UNTOLD = EXPONENT, *BENDS
-FROM, KNOTS = 0.5, 48  # of the table of such a law: its first distance in spacings, and their number
+FROM, KNOTS, DECADES = 0.5, 48, 11  # of the table of such a law: first distance in spacings, number, and range of forces
 TELLS = 3.0
 """Difference of the models in sigmas below which the data cannot distinguish them."""
 DOUBT = 0.05
@@ -377,6 +377,7 @@ def with_bends(scene: Scene, factors: Mapping[str, float], reach: float) -> tupl
         return scene, {}
     law, changes = _bent(scene, factors)
     r = np.geomspace(FROM * scene.lattice.spacing_m * u.m, reach, KNOTS)
+    r = r[abs(np.log10(-law.dphi(r) / u.N)) < DECADES]
     own, columns = scene.law, {'distances_m': (r / u.m).tolist(), 'forces_N': (-law.dphi(r) / u.N).tolist()}
     table = TableLaw.model_validate({'kind': 'table', 'shells': own.asked, **columns})
     return scene.model_copy(update={'law': table.with_shells(own.shells, own.reach)}), changes

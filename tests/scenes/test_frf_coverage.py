@@ -9,17 +9,17 @@ from magphonon import read_scene
 from magphonon.cli.fit_report import frf_report
 from magphonon.response import Dof
 from magphonon.response.transfer_functions import TransferFunction
-from magphonon.scenes import fit_frf
+from magphonon.scenes import band_fits, fit_frf
 from workflows import bench_lattice as bench
 
 L = 10e-3  # m
 A, MASS, DAMPING = 4.2, 8e-4, 6.0
-DISC = 2.5e-3, 3e-3, 1.3  # m, m, T
+BENT = 3.2, 6.5  # the powers whose sum is a law that is none
 PLACES = (0, 0), (0.01, 0), (-0.015, 0.017), (0, -0.017)  # m, of the drive and of three receivers
-KINDS = {  # lattice and patch, force in N, or discs, springs along x and y in N/m, sites without a magnet
+KINDS = {  # lattice and patch, force in N (each half of a bent law), springs along x and y in N/m, sites without a magnet
     'triangular': ('triangular', 'kind = "hexagon"\nside_m = 0.04', 0.28, (20.0, 22.0), []),
-    'square': ('square', 'kind = "rectangle"\nwidth_m = 0.065\nheight_m = 0.065', 0.28, (26.0, 22.0), []),
-    'kx unlike ky': ('triangular', 'kind = "hexagon"\nside_m = 0.04', None, (16.0, 28.0), []),
+    'bent': ('file', '', 0.28, (26.0, 22.0), []),  # a rhombic patch, whose rim is not symmetric
+    'kx unlike ky': ('triangular', 'kind = "hexagon"\nside_m = 0.04', 0.2, (16.0, 28.0), []),
     'holes': ('triangular', 'kind = "hexagon"\nside_m = 0.04', 0.12, (30.0, 30.0), [(0.015, 0.00866), (-0.02, 0.0)])}
 
 
@@ -27,24 +27,28 @@ def specimen(folder, kind, seed, points=70, places=PLACES):
     """A scene that is some percent off, transfer functions of a patch, and the means of its free sites."""
     lattice, patch, force, springs, holes = KINDS[kind]
     rng = np.random.default_rng([seed, sum(map(ord, kind))])
-    shape = bench.power_law(force, A, L) if force else bench.disc_force(*DISC)
-    off = np.exp(rng.uniform(-0.1, 0.1, 4))
-    table = (f'kind = "inverse_power"\nb_N_m_a = {force * off[0] * L ** (A * off[1])}\na = {A * off[1]}' if force else
-             f'kind = "magnets"\nring = {{outer_diameter_m = {2 * DISC[0]}, height_m = {DISC[1]}}}\n'
-             f'remanence_T = {DISC[2] * off[0]}')
+    powers = BENT if kind == 'bent' else (A, A)
+    off, a, mass = np.exp(rng.uniform(-0.1, 0.1, 4)), np.mean(powers), MASS * (1 + 0.01 * rng.standard_normal())
+    where, nodes = f'spacing_m = {L}', bench.sites(L * np.array([[1, 0], [np.cos(1.2), np.sin(1.2)]]), 0.07, 0.07)
+    if lattice == 'file':
+        where = 'file = "sites.csv"\ncutoff_m = 0.12\npositions = "anchors"'
+        np.savetxt(folder / 'sites.csv', np.c_[nodes, (abs(nodes) > 0.024).any(axis=1)], '%.17g', ',', header='x_m,y_m,held',
+                   comments='')
     (folder / 'lab.toml').write_text(
-        f'title = "lab"\n[lattice]\nkind = "{lattice}"\nspacing_m = {L}\nmass_kg = {MASS}\n[law]\n{table}\nshells = "auto"\n'
-        f'[foundation]\nstiffness_N_per_m = {springs[0] * off[2]}\nstiffness_y_N_per_m = {springs[1] * off[3]}\n'
-        f'[patch]\n{patch}\n' + f'[defects]\nvacancies_m = {[list(one) for one in holes]}\n' * bool(holes) +
+        f'title = "lab"\n[lattice]\nkind = "{lattice}"\n{where}\nmass_kg = {MASS}\n[law]\n'
+        f'kind = "inverse_power"\nb_N_m_a = {force * off[0] * L ** (a * off[1])}\na = {a * off[1]}\n' +
+        'shells = "auto"\n' * bool(patch) +
+        f'[foundation]\nstiffness_N_per_m = {springs[0] * off[2]}\nstiffness_y_N_per_m = {springs[1] * off[3]}\n' +
+        f'[patch]\n{patch}\n' * bool(patch) + f'[defects]\nvacancies_m = {[list(one) for one in holes]}\n' * bool(holes) +
         f'[frf]\nfrom_Hz = 8\nto_Hz = 160\npoints = {points}\ndamping_per_s = {1.3 * DAMPING}\n'
         'force = {at_m = [0, 0], direction_deg = 40}\nresponse = {at_m = [0.01, 0], direction_deg = 0}\n')
     scene = read_scene(folder / 'lab.toml')
     atoms, push = scene.shaken()[0], np.array([np.cos(0.7), np.sin(0.7)])
     reach = 1.001e-3 * atoms.calc.bonds.lengths.max()  # pairs farther than those of the scene make another lattice
-    law = bench.tabulated(shape, 0.62 * L, 1.1 * reach)
+    law = bench.tabulated(lambda r: force / 2 * sum((L / r) ** power for power in powers), 0.62 * L, 1.1 * reach)
     sites, w = 1e-3 * atoms.calc.anchors[:, :2], 2 * np.pi * np.linspace(8, 160, points)
     held = np.isin(np.arange(len(atoms)), atoms.constraints[0].index)
-    lab = bench.built(sites, law, reach, rng, mass=MASS, springs=springs, damping=DAMPING, held=held)
+    lab = bench.built(sites, law, reach, rng, mass=mass, springs=springs, damping=DAMPING, held=held)
     drive, *seen = (int(np.linalg.norm(sites - at, axis=1).argmin()) for at in places)
     u = 1e3 * bench.response(lab, bench.pushed(lab, drive, push), w)[:, seen]  # mm/N
     sigma = 0.01 * abs(u).max()
@@ -54,7 +58,7 @@ def specimen(folder, kind, seed, points=70, places=PLACES):
     free = ~lab.held
     true = float(law(L)[0]) * lab.strengths[free].mean() ** 2
     truth = dict(zip(('foundation_x', 'foundation_y'), lab.springs[free].mean(axis=0).tolist(), strict=True))
-    return scene, functions, truth | {'force': true, 'damping': DAMPING} | ({'a': A} if force else {})
+    return scene, functions, truth | {'force': true, 'damping': DAMPING, 'a': a}
 
 
 def errors_of(values, truth):
@@ -63,13 +67,14 @@ def errors_of(values, truth):
 
 
 @pytest.mark.slow
-def test_sites_with_unknowns_hold_and_the_mean_lattice_does_not(tmp_path):
-    scene, functions, truth = specimen(tmp_path, 'holes', 1)
+@pytest.mark.parametrize('kind', ['holes', 'bent'])
+def test_sites_with_unknowns_hold_and_the_mean_lattice_does_not(kind, tmp_path):
+    scene, functions, truth = specimen(tmp_path, kind, 1)
     fits = fit_frf(scene, functions)
     fit = fits.fits['complete']
     for name, (error, half) in errors_of(fits.values(), truth).items():
         assert abs(error) < 1.8 * half, name  # 3.5 standard deviations
-        assert half < 6
+        assert half < 8
     assert fit.misfit > 2
     assert fit.scatter == 1
     strengths, springs, anchors = fit.site_scatter
@@ -78,6 +83,15 @@ def test_sites_with_unknowns_hold_and_the_mean_lattice_does_not(tmp_path):
     assert 0.007 < anchors < 0.03  # 0.015
     alone = fits.fits['conventional']
     assert not alone.follows or alone.square > 1.5 * fit.square
+
+
+@pytest.mark.slow
+def test_a_law_that_is_no_power_bends(tmp_path, monkeypatch):
+    """The control is a power law between all neighbours, which puts what it lacks on the springs."""
+    scene, functions, truth = specimen(tmp_path, 'bent', 1)
+    monkeypatch.setattr(band_fits, 'of_any_law', lambda scene, names, priors, far: (names, priors))
+    found = errors_of(fit_frf(scene, functions).values(), truth)
+    assert max(abs(error) / half for error, half in found.values()) > 2
 
 
 def of_one_spring(folder, kind, seed):
@@ -97,21 +111,6 @@ def test_two_springs_are_seen_by_a_fit_of_one(kind, stiff, tmp_path):
     assert abs(ratio - true) < 3.5 * sigma < 0.3
     assert (f'the pillars are stiffer along {stiff} than' in frf_report(fits, [])) == (stiff is not None)
     assert ('the pillars are stiffer along' in frf_report(fits, [])) == (stiff is not None)
-
-
-@pytest.mark.long
-def test_ratios_of_springs_by_fits_of_one(tmp_path, capsys):
-    """Of 20 specimens: how many standard deviations each is off, and is from a ratio of one."""
-    off = []
-    for seed in range(40, 45):
-        for kind in KINDS:
-            fits, true = of_one_spring(tmp_path, kind, seed)
-            ratio, sigma = fits.fits['complete'].unlike
-            off.append((ratio - true) / sigma)
-            with capsys.disabled():
-                print(f'{kind} {seed}: ln(kx/ky) {ratio:.3f} +- {sigma:.3f}, true {true:.3f}: {off[-1]:.1f} sigma off; it is '
-                      f'{abs(ratio) / sigma:.1f} sigma from zero', flush=True)
-    assert np.mean(np.abs(off) < 1.96) >= 0.8
 
 
 @pytest.mark.long
