@@ -10,11 +10,11 @@ import argparse
 import ctypes
 import os
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time, thread_time
 
@@ -35,6 +35,7 @@ from magphonon import (
     finite_displacements,
     frequency_response,
     lattices,
+    modes,
     phonopy_bands,
     propagate,
     units as u,
@@ -359,19 +360,28 @@ def at_error(runs, error):
 
 
 def threads():
-    """Two threads against one, where the error is whether any bit differs; and what the machine gives: two runs side by side."""
+    """Two threads against one; the error is whether any bit differs."""
     for n in 32, 100, 316, 1000:
-        (one, at_one), (two, at_two), (other, _) = stepper(patch(n)), stepper(patch(n), threads=2), stepper(patch(n))
-
-        def beside(steps, runs=(one, other)):
-            with ThreadPoolExecutor(2) as pool:
-                list(pool.map(lambda run: run(steps), runs))
-
-        best = in_turns({'one': one, 'two': two, 'beside': beside}, 10, perf_counter)
+        (one, at_one), (two, at_two) = stepper(patch(n)), stepper(patch(n), threads=2)
+        best = in_turns({'one': one, 'two': two}, 10, perf_counter)
         yield Result(f'two threads, {n * n} magnets', 'one thread', best['two'] / n**2, best['one'] / n**2,
                      apart(at_two, at_one))
-        yield Result(f'two runs side by side, {n * n} magnets', 'one after the other', best['beside'] / n**2 / 2,
-                     best['one'] / n**2, np.nan)
+
+
+def sizes(sides=(32, 100, 316, 1000)):
+    """Seconds for each magnet, beside those for a patch of a tenth of them, and the peak of memory up to here."""
+    before = {}
+    for n in sides:
+        atoms, (run, _) = kicked(n * n), stepper(patch(n), every=100)
+        force, row = middle_force(atoms)
+        jobs = {'propagate': lambda atoms=atoms: propagate(atoms, [DURATION]),
+                'one frequency': lambda atoms=atoms, a=(force, OMEGA[:1], GAMMA, row): frequency_response(atoms, *a),
+                'modes(10)': lambda atoms=atoms: modes(atoms, 10), '100 steps': lambda run=run: run(100)}
+        for job, function in jobs.items():
+            taken = answered(own=function)[0]['own'] / n**2
+            job_there = f'{job}, {n * n} magnets, {getrusage(RUSAGE_SELF).ru_maxrss / 2**20:.2f} GiB'
+            yield Result(job_there, 'a tenth', taken, before.get(job, taken), np.nan)
+            before[job] = taken
 
 
 # --- bands
@@ -553,13 +563,11 @@ STIFF = 100 * FOUNDATION  # places off the lattice would draw their neighbours i
 ROWS = {
     'patch 1e4': lambda: steps('patch', (*patch(100), FOUNDATION)),
     'patch 1e5': lambda: steps('patch', (*patch(316), FOUNDATION)),
-    'patch 1e6': lambda: steps('patch', (*patch(1000), FOUNDATION)),
     'seldom 1e4': lambda: steps('patch, looked at every 100 steps', (*patch(100), FOUNDATION), 100),
-    'seldom 1e5': lambda: steps('patch, looked at every 100 steps', (*patch(316), FOUNDATION), 100),
     'scattered 1e4': lambda: steps('2 % off their places', (*disordered(100), STIFF)),
-    'scattered 1e5': lambda: steps('2 % off their places', (*disordered(316), STIFF)),
     'motion': motion,
     'threads': threads,
+    'sizes': sizes,
     'bands': bands,
     'large cells': lambda: [*large_cells(17, 'dense', 'phonopy'), *large_cells(32, 'dense')],
     'mesh': mesh,
@@ -569,7 +577,7 @@ ROWS = {
 }
 
 
-LONG = {'patch 1e6', 'seldom 1e5', 'scattered 1e5', 'linear tools 1e5'}
+LONG = {'linear tools 1e5', 'sizes'}
 """Rows that are measured only if they are named: the others take less than eight minutes together."""
 
 

@@ -4,15 +4,15 @@ import json
 
 import numpy as np
 import pytest
-from motion import DT, patch
+from motion import patch
 
-from magphonon import DrivenVerlet, analytic_bands, propagate
+from magphonon import analytic_bands, propagate
 from magphonon.bands import lattice_density
 from magphonon.bands.bands import Bands
 from magphonon.bands.density import DensityOfStates
 from magphonon.design.sensitivities import StiffnessDerivative
 from magphonon.design.uncertainty import Spread, Tolerances, frequency_spread
-from magphonon.dynamics import Harmonic, Recorder
+from magphonon.dynamics import Harmonic
 from magphonon.response import localisation
 from magphonon.response.frf import FrequencyResponse, harmonic_response
 from magphonon.response.normal_modes import Localisation, Modes, modes
@@ -121,14 +121,3 @@ def test_units_are_what_the_numbers_are_in(prototype, paper, tmp_path):
     assert arrays['omega'][-1] * factor == pytest.approx(paper['prototype']['M_conventional_Hz'], rel=1e-9)
     assert said['cell']['unit'] == 'mm'
     assert np.linalg.norm(arrays['cell'][0]) == pytest.approx(10.0)  # the spacing, 0.01 m
-
-
-def test_a_recorder_says_its_units(tmp_path):
-    dyn = DrivenVerlet(patch(speed=0.05), DT)
-    recorder = Recorder(dyn, [3, 24], interval=4)
-    dyn.run(8)
-    recorder.save(tmp_path / 'x.npz')
-    arrays, said = told(tmp_path / 'x.npz')
-    assert said == {'times': {'unit': 'ms', 'axes': ['frames']}, 'particles': {'unit': '', 'axes': ['particles']},
-                    'displacements': {'unit': 'mm', 'axes': ['frames', 'particles', 'dim']}}
-    assert arrays['displacements'].shape == (3, 2, 2)

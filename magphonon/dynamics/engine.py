@@ -21,7 +21,7 @@ from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import GROWS, hermitian_eigenvalues, own_stiffness, upper_part
 from ..stiffness.rest import LinearSystem, components, freedom, static_forces
 from ..stiffness.sites import out_of_plane, refuse_motion_out_of_the_plane
-from ..traits import LINEAR, all_but, refuse, takes
+from ..traits import LINEAR, takes
 from .bond_increments import RANGES, TOLERANCE, Increments
 from .cages import Cages
 from .drives import Constant, constant_push, forces_and_walls
@@ -138,15 +138,6 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     Gyration is ignored if stiffness alone holds the structure: rotations conserve the positive form that Verlet steps conserve,
     and do not change the limit.  `particle_bound` is enough for most steps; if it is above 2/dt, the highest frequency itself is
     returned.
-
-    Examples
-    --------
-    >>> from magphonon import read_scene
-    >>> from magphonon.scenes import ready_scene
-    >>> from magphonon.dynamics.engine import frequency_bound, highest_frequency
-    >>> patch = read_scene(ready_scene('prototype')).patch_atoms()
-    >>> bool(frequency_bound(patch, 1e-3) >= highest_frequency(patch))
-    True
     """
     system = LinearSystem.nearest(atoms)
     if _held_by_gyration(system):
@@ -194,12 +185,6 @@ def half_step(damping: NDArray[np.float64], rate: Any, guided: NDArray[np.int_],
     g = np.broadcast_to(-rate[:, 0, 1], len(damping)).copy()
     g[guided] = 0.0
     return np.exp(-(damping + 1j * g) * dt / 2)
-
-
-def refuse_order(atoms: Atoms, splitting: Splitting) -> None:
-    """Raise ValueError for gyration with splittings of order 4 or 6, whose forces may depend on positions only."""
-    if splitting.stages > 1:
-        refuse(atoms, all_but('a step of order 4 or 6', 'gyration'))
 
 
 def refusal(atoms: Atoms) -> str | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from os import PathLike
 from tempfile import SpooledTemporaryFile, gettempdir
 from typing import TYPE_CHECKING
 from weakref import finalize
@@ -13,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import indices, whole
 from ..files import room_for
-from ..results import save_arrays
 from .motion import Motion
 
 if TYPE_CHECKING:
@@ -83,14 +81,8 @@ class Recorder:
 
     @property
     def motion(self) -> Motion:
-        """The record so far, as a Motion."""
+        """The record so far, as a Motion, which `save` writes to a file."""
         return Motion(self.times, self.particles, self.displacements)
-
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write `times` (ms), `displacements` (mm) and `particles` to a .npz file, whole or not at all."""
-        save_arrays(path, {'times': self.times, 'displacements': self.displacements, 'particles': self.particles},
-                    {'times': ('ms', 'frames'), 'displacements': ('mm', 'frames', 'particles', 'dim'),
-                     'particles': ('', 'particles')})
 
     def forget_after(self, time: float) -> None:
         """Drop the frames later than `time` (ms), for example after a run has diverged."""

@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+TINY = np.finfo(float).tiny
+
 
 class StepsTooLong(ValueError):
     """Time steps are too long for the tolerance of a run; `longest` is what they may have, in ms."""
@@ -30,6 +32,8 @@ class Splitting:
 
     Attributes
     ----------
+    order : int
+        Order of the error in the time step.
     kicks, drifts : tuple of float
         b_0 to b_s and a_1 to a_s, palindromes whose sums are one.
     limit : float
@@ -39,6 +43,7 @@ class Splitting:
         step of Verlet moves by h^2 F/2m however large gamma is; drifts that know the damping serve longer.
     """
 
+    order: int
     kicks: tuple[float, ...]
     drifts: tuple[float, ...]
     limit: float
@@ -64,20 +69,28 @@ class Splitting:
         shape = np.sqrt(-state[1, 0] / state[0, 1]) / x - 1
         return np.maximum(abs(frequency) * 24, abs(shape) * 8) / x**2
 
-    def error(self, x: Any, phase: float) -> Any:
-        """Relative error of an oscillator with omega h = x after `phase` radians; NaN where the method is not stable."""
-        with np.errstate(invalid='ignore'):
-            return self.beside_verlet(x) * x**2 * (phase / 24 + 1 / 8)
+    def error(self, x: Any, phase: Any) -> Any:
+        """Error of motion after steps with omega h = x; NaN where the method is not stable.
 
-    def longest(self, phase: float, tolerance: float) -> float:
-        """Largest omega h at which the error of a wave stays below `tolerance` over a phase of `phase` radians.
-
-        Zero if no steps of order 4 or 6 can do that because of round-off.
+        Parameters
+        ----------
+        x : float or ndarray
+        phase : float, or ndarray of shape (4,)
+            The phase in radians of a wave of the highest frequency omega, for its relative error.  Of any motion: sums over its
+            waves of phase + SHAPE times amplitude, weighted by (w/omega)^0, 2, 4 and 6.
         """
+        moments = phase if np.ndim(phase) else np.full(4, phase + SHAPE)
+        fewer, weighted = moments[self.order // 2 - 1], moments[self.order // 2]
+        with np.errstate(invalid='ignore'):
+            at = np.maximum(np.sqrt(weighted / (fewer + TINY)) * x, EXACT)  # of the waves that make most of the error
+            return np.where(x < self.limit, self.beside_verlet(at) * at**2 * (x / at) ** self.order * weighted / 24, np.nan)
+
+    def longest(self, phase: Any, tolerance: float) -> float:
+        """Largest omega h at which the `error` of motion stays below `tolerance`."""
         x = self.limit * np.geomspace(0.01, 1, 1000)[:-1]
-        good = self.error(x, phase) <= tolerance
-        if not good[0]:  # such short steps of Verlet err as the leading term does
-            return np.sqrt(tolerance / (phase / 24 + 1 / 8)) if self.stages == 1 else 0.0
+        error = self.error(x, phase)
+        if not (good := error <= tolerance)[0]:  # such short steps err as the leading term does
+            return float(x[0] * (tolerance / error[0]) ** (1 / self.order))
         return float(x[good.cumprod().sum() - 1])
 
     def flow(self, dt: float, gamma: float) -> tuple[np.ndarray, np.ndarray]:
@@ -92,16 +105,17 @@ def _both_ways(first, middle):
     return (*first, *([rest] if middle == 1 else [rest / 2] * 2), *first[::-1])
 
 
-SPLITTINGS = {
-    2: Splitting((0.5, 0.5), (1.0,), 2.0, 0.5),
-    4: Splitting(_both_ways((0.0829844064174052, 0.396309801498368, -0.0390563049223486), 1),
-                 _both_ways((0.245298957184271, 0.604872665711080), 2), 3.1634, 4.0),
-    6: Splitting(_both_ways((0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807,
+SPLITTINGS = {one.order: one for one in (
+    Splitting(2, (0.5, 0.5), (1.0,), 2.0, 0.5),
+    Splitting(4, _both_ways((0.0829844064174052, 0.396309801498368, -0.0390563049223486), 1),
+              _both_ways((0.245298957184271, 0.604872665711080), 2), 3.1634, 4.0),
+    Splitting(6, _both_ways((0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807,
                              -0.0115113874206879), 2),
-                 _both_ways((0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928), 1),
-                 3.1414, 6.0),
-}
+              _both_ways((0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928), 1),
+                 3.1414, 6.0))}
 """The methods, by the order of their error."""
+SHAPE = 3  # radians in which the error of a phase becomes as large as that of the shape of an orbit
+EXACT = 0.1  # omega h up to which errors are those of the leading term, and below which round-off would hide them
 ROUND_OFF = 1e-13  # error by round-off in a radian of the fastest wave
 
 
@@ -123,7 +137,7 @@ def step_within(tolerance: float, omega: float, duration: float, frame: float,
         Orders to choose from.
     """
     longest = {order: SPLITTINGS[order].longest(omega * duration, tolerance) for order in orders}
-    counts = {order: int(np.ceil(omega * frame / x)) for order, x in longest.items() if x}
+    counts = {order: int(np.ceil(omega * frame / x)) for order, x in longest.items()}
     if tolerance < ROUND_OFF * omega * duration:
         raise ValueError(f'a tolerance of {tolerance:g} is below the round-off of {duration:.6g} ms of motion; take a larger one')
     order = min(counts, key=lambda order: SPLITTINGS[order].stages * counts[order])

@@ -76,7 +76,7 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
     if not len(periods):
         i, j = _near(atoms.positions, n, cutoff)
         i, j = divmod(np.sort(i * n + j), n)
-        shift = np.zeros((len(i), 3), np.int8)
+        shift: Any = np.zeros((len(i), 3), np.int8)
         return i, j, shift, vectors_between(atoms, i, j, shift)
     home = np.floor(atoms.positions @ inverse).astype(int)
     fraction = atoms.positions @ inverse - home

@@ -247,7 +247,7 @@ def _fitting(make, width, options):
     return legend
 
 
-def lay_out(figure: FigureBase) -> None:
+def lay_out(figure: Figure) -> None:
     """Place the panels of a figure of the package for good; `savefig` would lay it out again, in a drawing of its own.
 
     Matplotlib measures all ticks anew for each spine, to make room for those that point outwards.  There are none in the style
@@ -258,7 +258,8 @@ def lay_out(figure: FigureBase) -> None:
     for ax in figure.axes if rcParams['xtick.direction'] == rcParams['ytick.direction'] == 'in' else ():
         for side in {'left', 'right', 'top', 'bottom'}.intersection(ax.spines):
             ax.spines[side].set_in_layout(False)
-    figure.get_layout_engine().execute(figure)
+    if (engine := figure.get_layout_engine()) is not None:
+        engine.execute(figure)
     figure.set_layout_engine('none')
 
 

@@ -169,7 +169,7 @@ class BurstPlan(Table):
         where they change it by more, or the patch is unstable.
         """
         from ..waves.spectrum import FEWEST
-        from ..waves.wave_source import burst_setup, run_burst
+        from ..waves.wave_source import burst_setup, frame_of, run_burst
 
         where = burst_setup(cell, patch, self.source)
         if len(where.row) < FEWEST:
@@ -180,6 +180,7 @@ class BurstPlan(Table):
             engine, tolerance = engine | {'engine': 'auto'}, tolerance or TOLERANCE
             linear, change = _linear(patch, where, burst, engine.get('film', False))
             if linear is not None and change <= tolerance:
+                frame_of(patch, burst.drive, burst.duration)  # refuses what `run_burst` refuses
                 return where, linear
         run = run_burst(patch, where, burst.drive, burst.damping, burst.duration, tolerance=tolerance, **engine)
         return where, replace(run, nonlinear=change)
@@ -190,10 +191,9 @@ def _linear(patch, where, burst, film):
     from ..dynamics.motion import Motion
     from ..response.frf import nonlinear_change
     from ..response.propagation import propagate
-    from ..waves.wave_source import SNAPSHOTS, frame_of, recorded
+    from ..waves.wave_source import SAMPLES, SNAPSHOTS, recorded
 
-    system = LinearSystem.of(patch, 'gyration')
-    frame, _ = frame_of(system, burst.drive, burst.duration)
+    system, frame = LinearSystem.of(patch, 'gyration'), 2 * np.pi / burst.drive.omega / SAMPLES
     if not system.stable:
         return None, np.inf
     times, seen = frame * np.arange(int(burst.duration / frame) + 1), np.union1d(where.row, where.driven)

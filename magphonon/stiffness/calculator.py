@@ -265,9 +265,9 @@ class PairCalculator(Repulsion):
 
     def _minimum_image(self, u):
         if np.einsum('ix,ix->i', u, u).max(initial=0) > self._shortest_period**2 / 4:  # below it u is its own minimum image
-            dim = u.shape[1]
-            u = np.pad(u, ((0, 0), (0, 3 - dim)))
-            u = find_mic(u, self.reference.cell, self.reference.pbc)[0][:, :dim]  # pyright: ignore[reportArgumentType]  three pbc
+            dim, space = u.shape[1], np.zeros((len(u), 3))
+            space[:, :dim] = u
+            u = find_mic(space, self.reference.cell, self.reference.pbc)[0][:, :dim]  # pyright: ignore[reportArgumentType]  three pbc
         return u
 
     @cached_property
@@ -292,8 +292,8 @@ class PairCalculator(Repulsion):
         if (bonds.i == bonds.j).all():
             return np.zeros((bonds.particles, self.dim)), np.zeros((bonds.particles, 1))
         force = self.bond_sizes[0]
-        sizes = sum(np.bincount(end, force, bonds.particles) for end in (bonds.i, bonds.j))
-        return bonds.net(self.interaction.forces(self.bond_vectors)[1]), sizes[:, None]
+        sizes = np.bincount(bonds.i, force, bonds.particles) + np.bincount(bonds.j, force, bonds.particles)
+        return bonds.net(self.interaction.forces(self.bond_vectors)[1]), sizes[:, None].astype(float)
 
     @cached_property
     def slack(self) -> NDArray[np.float64]:

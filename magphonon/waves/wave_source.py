@@ -25,7 +25,7 @@ from ..dynamics.splittings import SPLITTINGS, StepsTooLong, step_within
 from ..dynamics.verlet import DrivenVerlet
 from ..errors import not_negative, one_of, positive
 from ..stiffness.repulsion import repulsion_of
-from ..stiffness.rest import LinearSystem, freedom
+from ..stiffness.rest import freedom
 from .ridge_tables import DRIVEN
 
 if TYPE_CHECKING:
@@ -271,7 +271,7 @@ def recorded(site: BurstSetup, motions: Sequence[Motion]) -> BurstRecord:
     return BurstRecord(row, field, float(largest))
 
 
-def frame_of(patch: Atoms | LinearSystem, drive: ToneBurst, duration: float) -> tuple[float, float]:
+def frame_of(patch: Atoms, drive: ToneBurst, duration: float) -> tuple[float, float]:
     """Time in ms between two frames of the record of a burst, and the highest frequency of its patch in rad/ms; ValueError if
     no wave has its carrier, or the record is short.
     """

@@ -24,7 +24,7 @@ def test_recorder_keeps_what_was_there_in_memory_and_on_disk(tmp_path, monkeypat
     spilled, _ = record([24, 3])
     assert isinstance(spilled.displacements, np.memmap)
     assert np.array_equal(spilled.displacements, seen[:, [24, 3]])
-    spilled.save(tmp_path / 'run.npz')
+    spilled.motion.save(tmp_path / 'run.npz')
     with np.load(tmp_path / 'run.npz') as data:
         assert np.array_equal(data['displacements'], seen[:, [24, 3]])
         assert np.array_equal(data['particles'], [24, 3])

@@ -9,13 +9,12 @@ Pillars are cantilevers of aluminium; as springs with 33/140 of their mass they 
 import numpy as np
 from scipy.optimize import brentq
 
-from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, units as u
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, read_scene, units as u
 from magphonon.plotting import panels
-from magphonon.scenes.lattices import Pillar
 
 
 def at_M(spacing=10.0, exponent=4.5824, height=150.0, reach=4.5):
-    rod = Pillar(youngs_modulus_Pa=71e9, radius_m=7.9375e-4, height_m=height / 1e3, density_kg_per_m3=2700)
+    rod = read_scene('neighbours').foundation.pillar.model_copy(update={'height_m': height / 1e3})
     cell = lattices.triangular(spacing * u.mm, mass := 0.707 * u.g + rod.moving_mass_kg * u.kg)
     law = InversePower(0.2369 * u.N * (10 * u.mm)**exponent, exponent)   # 0.2369 N at 10 mm
     cell.calc = MagneticRepulsion(cell, law, cutoff=reach * spacing * u.mm, foundation=rod.stiffness_N_per_m * u.N / u.m)
