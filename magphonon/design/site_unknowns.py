@@ -116,7 +116,8 @@ class Sites:
         """Logarithms of strengths, shape (particles,), and of springs, and shifts of anchors in mm, shape (particles, dim)."""
         strengths, springs, anchors = np.split(self.size(scatter) * z, self.ends[:2])
         of_particles, each, moved = np.zeros(len(self.tied)), np.zeros(self.tied.shape), np.zeros(self.tied.shape)
-        of_particles[self.acting], each[self.tied], moved[self.acting] = strengths, springs, anchors.reshape(-1, moved.shape[1])
+        of_particles[self.acting], each[self.tied] = strengths, springs
+        moved[self.acting] = anchors.reshape(-1, self.tied.shape[1])
         return of_particles, each, moved
 
     def means(self, built: ParametricLattice, names: Sequence[str], scatter: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -124,7 +124,7 @@ def solved(built: ParametricLattice, functions: Sequence[TransferFunction], wide
     system, dim = built.system, built.system.dim
     omega, where = np.unique(np.concatenate([one.omega for one in functions]), return_inverse=True)
     where = np.split(where, np.cumsum([len(one.omega) for one in functions])[:-1])
-    ends = [(one.answer.force(len(system)), _push(system, one.drive)) for one in functions]
+    ends = [(one.answer.force(len(system)), _push(system, one.drive)) for one in functions]  # pyright: ignore  each has its Dof
     forces = {force.tobytes(): force for both in ends for force in both}
     basis, found = _fields(system, [*forces.values()], omega, built.damping + widened)
     fields, own = dict(zip(forces, found, strict=True)), []

@@ -310,7 +310,7 @@ class _Filter:
 
 def _lowest_filtered(filtered, count, start, tolerance):
     """Eigenvalues of K, its eigenvectors and their residuals, by Lanczos iterations with a filter."""
-    operator = LinearOperator((len(start), len(start)), filtered, dtype=float)
+    operator = LinearOperator((len(start), len(start)), filtered, dtype=float)  # pyright: ignore[reportCallIssue]  its stubs
     try:
         V = eigsh(operator, count, which='LA', v0=start, ncv=count + 10, tol=tolerance, maxiter=PASSES)[1]
     except sparse.linalg.ArpackNoConvergence as error:  # often of the last one, whose neighbour is close or equal
