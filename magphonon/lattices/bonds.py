@@ -12,6 +12,7 @@ show which distances belong to one shell in spite of rounded positions, and wher
 from __future__ import annotations
 
 import operator
+import os
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -104,6 +105,8 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
 
 def compiling_pays(particles: int) -> bool:
     """Whether numba is loaded, or there are so many particles that loading it pays."""
+    if os.environ.get('NUMBA_DISABLE_JIT', '0') != '0':
+        return False
     return sys.modules.get('numba') is not None or (particles >= MANY and find_spec('numba') is not None)
 
 

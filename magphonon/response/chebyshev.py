@@ -61,7 +61,7 @@ RISE, ROUGH, PASSES, LOOSE, MISSED = 6.0, 3, 20, 10.0, 6
 """Logarithm by which a filter lifts the lowest eigenvalue above those that it holds down: 4 to 12 take as many products.  Number
 of eigenvalues by whose distances filters are chosen.  Restarts of Lanczos iterations, of which 2 to 7 suffice.  A tolerance that
 their first pass meets.  Number of modes they may miss."""
-LONGEST = 20000  # products of a filter: eigenvalues closer together than 1e-7 of the highest are crowded
+LONGEST = 1000  # products of a filter: eigenvalues closer together than 5e-6 of the highest are crowded, and factors sooner there
 
 
 class Outside(ArithmeticError):
@@ -261,7 +261,8 @@ def lowest_by_products(K: Products, size: int, count: int) -> tuple[NDArray[np.f
 
     Then a random vector orthogonal to all modes found is filtered again and again.  It cannot grow, unless a mode was missed: its
     part along one of the `count` lowest would rise from above CHANCE, except with this probability.  What grows is added to the
-    modes, as the partners of modes with equal frequencies are.  `Crowded` if this does not end.
+    modes, as the partners of modes with equal frequencies are.  `Crowded` if this does not end, or if round-off of modes far
+    below the others would grow as well.
     """
     K, random, low = _products(K), np.random.default_rng(0), 0.0
     start, bound = random.normal(size=size), K.row_sum / 16
@@ -278,7 +279,10 @@ def lowest_by_products(K: Products, size: int, count: int) -> tuple[NDArray[np.f
         grown = _orthogonal(random.normal(size=size), vectors)
         filtered, longest = _Filter(K, values[count - 1], values[-1]), np.linalg.norm(grown)
         for _ in range(int(np.log(longest / CHANCE) / np.log(np.cosh(RISE))) + 1):
-            grown = _orthogonal(filtered(grown), vectors)
+            with np.errstate(all='ignore'):
+                grown = _orthogonal(filtered(grown), vectors)
+            if not abs(grown).max() < longest / CHANCE**2:
+                raise Crowded
         if np.linalg.norm(grown) <= longest and left[:count].max() <= CERTAIN * K.row_sum:
             return values[:count], vectors[:, :count]
         values, vectors, left = _eigenpairs(K, np.column_stack([vectors, grown / np.linalg.norm(grown)]))
@@ -293,7 +297,7 @@ class _Filter:
     """The function v -> T_d(X) v that is about e^RISE/2 at the eigenvalue `low`, and at most 1 from the `bound` to the top."""
 
     def __init__(self, K, low, bound):
-        bound = min(bound, K.row_sum / 2)  # of a few hundred modes the wanted ones may lie far apart
+        bound = min(bound, K.row_sum / 2)  # the wanted modes of a small structure may lie far apart
         self.K, radius, above = K, (K.row_sum - bound) / 2, bound - low
         degree = RISE / np.arccosh(1 + above / radius) if above > 0 else np.inf
         if degree > LONGEST:

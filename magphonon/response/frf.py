@@ -459,9 +459,10 @@ def nonlinear_change(system: LinearSystem, drive: ToneBurst, damping: float, lar
     A steady wave u1 of the carrier, with so much more damping that it fades as far from the source as the burst is long, has the
     forces F(u1) + H u1 beyond linear ones.  To second order they move the mean positions and add a harmonic, whose frequency is
     taken over the width of the burst; to third order they change the wave.  The mean counts twice, because an undamped particle
-    goes twice as far when a force sets in at once.  The sum of the three is between 1.6 times too small and 3.6 times too large
-    (196 drawn bursts; `tests/scenes/test_least_engine.py`): a steady wave does not know how the pulse meets rims and sources.  It
-    is returned multiplied by CAUTION.
+    goes twice as far when a force sets in at once; waves count by their Fourier coefficients, half of their amplitudes.  The sum
+    is between 1.6 times too small and 3.6 times too large for the 196 drawn bursts on which these weights were chosen
+    (`tests/scenes/test_least_engine.py`): a steady wave does not know how the pulse meets rims and sources.  It is returned
+    multiplied by CAUTION.
     """
     calc, dim = system.calc, system.dim
     if largest > LARGE * calc.bonds.shortest:

@@ -184,7 +184,7 @@ class CriticalFoundation(NamedTuple):
 def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None, steps: int | None = None) -> CriticalFoundation:
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
 
-    For a flat layer only motion in the plane counts, whatever its supports along z; for these use `softest_of`.
+    For a flat layer only motion in the plane counts, whatever its supports along z; for these use `softest_of` with `upwards`.
 
     If springs differ, the result is the stiffness needed for the softest one, `common_spring`, while the
     differences between the springs are kept.
@@ -383,9 +383,9 @@ def _reserve_of_waves(system):
     return factor, P @ y, q
 
 
-FOUNDATION = 'the foundation of {} is', 'a foundation', 'a stiffer foundation'
-SUPPORTS = 'the supports of {} along z are', 'supports along z', 'stiffer supports'
-"""How a foundation, or supports out of the plane, are named where they hold, are needed, and are too soft."""
+FOUNDATION = 'the foundation of {} is', 'a foundation', 'a stiffer foundation', 'springs'
+SUPPORTS = 'the supports of {} along z are', 'supports along z', 'stiffer supports', 'supports'
+"""How a foundation, or supports out of the plane, are named where they hold, are needed, are too soft, and one by one."""
 
 
 @dataclass(frozen=True)
@@ -432,11 +432,11 @@ class Buckling:
         """
         return self.free.count > 0 or on_the_verge(self.spring, self.needed)
 
-    def words(self, where: str, uneven: bool = False, names: tuple[str, str, str] = FOUNDATION) -> str:
+    def words(self, where: str, uneven: bool = False, names: tuple[str, ...] = FOUNDATION) -> str:
         """Whether the foundation, or what `names` says, holds a structure `where` it moves, in a sentence or two in SI units; its
         springs differ if they are `uneven`.
         """
-        holds, support, stiffer = names
+        holds, support, stiffer, springs = names
         spring, needed = stiffness_words(self.spring) + ' at its softest spring' * uneven, stiffness_words(self.needed)
         at = f', with the softest mode at q = ({", ".join(f"{x:.4g}" for x in self.softest)})' if self.softest.any() else ''
         if self.free.count:
@@ -453,8 +453,8 @@ class Buckling:
         if self.needed:
             return f'Stable{where}: {holds.format(spring)} {times_words(self.spring / self.needed)} the {needed} needed.'
         if uneven:
-            return (f'Stable{where}, and it would stay so if all springs were softer by {stiffness_words(self.spring)}, the '
-                    'stiffness of the softest one.')
+            return (f'Stable{where}, and it would stay so if all {springs} were softer by '
+                    f'{stiffness_words(self.spring)}, the stiffness of the softest one.')
         return f'Stable{where}, even without {support}{self.free.whole}.'
 
 

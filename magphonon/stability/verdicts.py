@@ -359,9 +359,11 @@ def _further(case, found):
 @check
 def out_of_plane(case: Case) -> Finding:
     """Stability of a flat layer, whose foundation has three components, against motion out of its plane."""
-    if (found := case.above) is None:
+    if (found := case.above) is None or case.across is None:
         return Finding()
-    return Finding(found, found.words(' out of the plane', names=SUPPORTS), not found.stable)
+    layer = case.across.atoms
+    supports = np.broadcast_to(layer.calc.foundation, (len(layer), 3))[case.across.mobile, 2]
+    return Finding(found, found.words(' out of the plane', len(np.unique(supports)) > 1, SUPPORTS), not found.stable)
 
 
 @check

@@ -354,5 +354,7 @@ def _reference_from_dict(given):
 def _bonds_from_dict(given, reference):
     parts = _table('the entry bonds', given, BONDS)
     i, j, shift = (np.asarray(parts[name], int) for name in ('i', 'j', 'shift'))
+    if i.shape != j.shape or not ((i >= 0) & (i < len(reference)) & (j >= 0) & (j < len(reference))).all():
+        raise ValueError(f'the entry bonds must have pairs i, j of the {len(reference)} particles; write the calculator again')
     shift = shift.reshape(-1, 3)  # of none the files keep no shape
     return Bonds(i, j, shift, vectors_between(reference, i, j, shift), len(reference), parts['cutoff'])
