@@ -29,7 +29,8 @@ class Result:
 
     def __repr__(self) -> str:
         values = {field.name: getattr(self, field.name) for field in fields(type(self))}
-        held = [f'{name}={_in_words(value, self._units.get(name, ("",))[0])}' for name, value in values.items() if value is not None]
+        held = (f'{name}={_in_words(value, self._units.get(name, ("",))[0])}'
+                for name, value in values.items() if value is not None)
         return f'{type(self).__name__}({", ".join(held)})'
 
 

@@ -124,7 +124,7 @@ def test_a_compressed_file_is_not_unpacked(prototype, tmp_path):
     np.savez_compressed(file, **arrays | {'omega': np.zeros((2**22, 2))})
     assert file.stat().st_size < 1e5
     tracemalloc.start()
-    with pytest.raises(ValueError, match='does not pack.* small file .* fill the memory'):
+    with pytest.raises(ValueError, match=r'does not pack.* small file .* fill the memory'):
         Bands.load(file)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()

@@ -140,7 +140,7 @@ def main(arguments=None):
     written(options.out / 'demultiplexer_copies.csv', ('copies', 'of', 'reached_dB', 'above_30_percent', 'above_20_percent'),
             copies_table(device, options.steps, options.out))
     further = judged(device, FURTHER, SEED + 2)
-    print(*(f'{100 * np.mean(further > level):.1f} % of {FURTHER} further copies keep {level} dB' for level in (30, 20)), sep='\n')
+    print(f'of {FURTHER} further copies {(further > 30).mean():.1%} keep 30 dB, {(further > 20).mean():.1%} keep 20 dB')
 
 
 if __name__ == '__main__':

@@ -35,8 +35,8 @@ try:
 
     if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]  numba sets it from the environment
         raise ImportError('NUMBA_DISABLE_JIT is set')
-except ImportError as error:
-    raise ImportError(f"{error}, but long runs and large structures need compiled code; mend this, or use engine='ase'") from error
+except ImportError as lack:
+    raise ImportError(f"{lack}, but long runs and large structures need compiled code; mend this, or use engine='ase'") from lack
 COUNTED = {'_nrt': False} if hasattr(DefaultOptions, '_nrt') else {}
 """An internal option of numba that switches off reference counts of arrays, which take longer than a short run of slots."""
 OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}, 'nogil': True, 'no_cfunc_wrapper': True, **COUNTED}
