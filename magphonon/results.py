@@ -27,13 +27,11 @@ class Result:
         if '__repr__' not in vars(cls):
             cls.__repr__ = Result.__repr__  # else that of the dataclass, with all numbers
 
-    def _held(self) -> dict[str, str]:
-        """What each field holds, in words."""
-        values = {field.name: getattr(self, field.name) for field in fields(type(self))}
-        return {name: _in_words(value, self._units.get(name, ('',))[0]) for name, value in values.items() if value is not None}
-
     def __repr__(self) -> str:
-        return f'{type(self).__name__}({", ".join(f"{name}={words}" for name, words in self._held().items())})'
+        values = {field.name: getattr(self, field.name) for field in fields(type(self))}
+        held = (f'{name}={_in_words(value, self._units.get(name, ("",))[0])}'
+                for name, value in values.items() if value is not None)
+        return f'{type(self).__name__}({", ".join(held)})'
 
 
 def _in_words(value: Any, unit: str) -> str:
@@ -57,27 +55,19 @@ class InHertz(Result):
         return hertz(self.omega)
 
 
-def save_arrays(path: str | PathLike[str], arrays: Mapping[str, Any], units: Mapping[str, tuple[str, ...]],
-                missing: Collection[str] = ()) -> None:
-    """Write arrays to a .npz file, whole or not at all.
-
-    `units` gives the unit of each array and the names of its axes, and is saved as JSON in the entry `units`.  In the arrays
-    named in `missing`, NaN means that there is no value.
-    """
-    refuse_overflow(path, arrays, missing)
-    with whole_file(path, 'wb') as file:
-        np.savez(file, units=json.dumps(_told(arrays, units)), **arrays)
-
-
 def _told(names, units):
     return {name: {'unit': units[name][0], 'axes': [*units[name][1:]]} for name in names}
 
 
 def saved_arrays(path: str | PathLike[str], kind: str, units: Mapping[str, tuple[str, ...]]) -> dict[str, Any]:
-    """The arrays of a file that `save_arrays` wrote; ValueError, with the `kind` of file, if it is cut or has other arrays."""
+    """The arrays of a file that `Saved.save` wrote; ValueError, with the `kind` of file, if it is cut or has other arrays."""
     try:
         with open(path, 'rb') as file, np.load(file) as data:  # numpy leaves a truncated file that it opened itself open
+            if any(member.compress_type for member in data.zip.infolist()):
+                raise ValueError('save() does not pack, and a small file of packed arrays might fill the memory')
             arrays = dict(data)
+        if 'units' not in arrays:
+            raise ValueError('it lacks units, as files before 0.4; numpy.load reads it')
         if json.loads(str(arrays.pop('units'))) != _told(arrays, units):
             raise ValueError('its arrays are others, or in other units')
     except FileNotFoundError:
@@ -109,7 +99,10 @@ class Saved(Result):
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write to a .npz file, whole or not at all; its entry `units` holds the unit and axes of each array, in JSON."""
-        save_arrays(path, self._arrays(), self._units, self._missing)
+        arrays = self._arrays()
+        refuse_overflow(path, arrays, self._missing)
+        with whole_file(path, 'wb') as file:
+            np.savez(file, units=json.dumps(_told(arrays, self._units)), **arrays)
 
     def _arrays(self) -> dict[str, Any]:
         """The fields that are saved, by name."""

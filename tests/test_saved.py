@@ -1,6 +1,7 @@
 """Files of arrays say what they hold: the unit and the axes of each."""
 
 import json
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -91,12 +92,13 @@ def _in_thz(arrays):
     return arrays | {'units': json.dumps(told)}
 
 
-@pytest.mark.parametrize('spoil', [
-    lambda arrays: {name: arrays[name] for name in arrays if name != 'omega'},
-    lambda arrays: {name: arrays[name] for name in arrays if name != 'units'},
-    lambda arrays: arrays | {'units': '{'}, lambda arrays: arrays | {'power': np.zeros(3)}, _in_thz,
+@pytest.mark.parametrize(('spoil', 'fault'), [
+    (lambda arrays: {name: arrays[name] for name in arrays if name != 'omega'}, 'others, or in other units'),
+    (lambda arrays: {name: arrays[name] for name in arrays if name != 'units'}, 'lacks units, as files before 0.4; numpy.load'),
+    (lambda arrays: arrays | {'units': '{'}, ''), (lambda arrays: arrays | {'power': np.zeros(3)}, 'power'),
+    (_in_thz, 'others, or in other units'),
 ], ids=['an array lacks', 'the units lack', 'units that are no JSON', 'an array more', 'another unit'])
-def test_files_of_other_arrays_are_refused(spoil, prototype, tmp_path):
+def test_files_of_other_arrays_are_refused(spoil, fault, prototype, tmp_path):
     file = tmp_path / 'x.npz'
     MADE[Bands](prototype).save(file)
     Bands.load(file)  # the control
@@ -105,11 +107,28 @@ def test_files_of_other_arrays_are_refused(spoil, prototype, tmp_path):
     with np.load(file) as data:
         np.savez(tmp_path / 'y.npz', **spoil(dict(data)))
     (tmp_path / 'cut.npz').write_bytes(file.read_bytes()[:-100])
-    for name in ('y', 'cut'):
-        with pytest.raises(ValueError, match=r'not a complete file of bands .* compute them again'):
+    for name, told_fault in (('y', fault), ('cut', '')):
+        with pytest.raises(ValueError, match=rf'not a complete file of bands \(.*{told_fault}.* compute them again'):
             Bands.load(tmp_path / f'{name}.npz')
     with pytest.raises(FileNotFoundError, match=r'there is no file .* compute bands'):
         Bands.load(tmp_path / 'none.npz')
+
+
+def test_a_compressed_file_is_not_unpacked(prototype, tmp_path):
+    """A file of 60 kB that would fill 64 MB is refused before."""
+    file = tmp_path / 'bands.npz'
+    MADE[Bands](prototype).save(file)
+    with np.load(file) as data:
+        arrays = dict(data)
+    Bands.load(file)  # the control
+    np.savez_compressed(file, **arrays | {'omega': np.zeros((2**22, 2))})
+    assert file.stat().st_size < 1e5
+    tracemalloc.start()
+    with pytest.raises(ValueError, match=r'does not pack.* small file .* fill the memory'):
+        Bands.load(file)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2**22
 
 
 def test_units_are_what_the_numbers_are_in(prototype, paper, tmp_path):

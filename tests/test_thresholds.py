@@ -4,9 +4,9 @@ Spacing, mass and static force are 1 (mm, g, N), so that stiffness is in units o
 the growth of a run; growth is compared with the imaginary frequency.
 """
 
-
 import numpy as np
 import pytest
+from ase.constraints import FixAtoms
 from structures import few_first
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, critical_foundation, lattices, units as u, verdict
@@ -127,7 +127,43 @@ def test_oscillator_at_a_right_angle_grows_as_its_imaginary_frequency(engine, pa
 
 # --- the time step ---------------------------------------------------------------------------------------------------
 
+@pytest.mark.parametrize('zeta', few_first([0.1, 0.0, 1.0, 5.0], 1))
+@pytest.mark.parametrize(('model', 'k'), [('complete', 0.0), ('conventional', 0.0), ('complete', 3.0)])
+def test_verlet_with_exact_damping_is_stable_up_to_omega_dt_of_2(model, k, zeta):
+    # The top of the triangular bands is at M: (6a - 2) f/L0 with D*, 6a without; + k on a foundation.
+    omega = np.sqrt(6 * 4.0 - 2 * (model == 'complete') + k)
+    along = np.array([np.sqrt(3), -1]) / 2  # the wave at q = (1/2, 0) and its motion
+
+    def log(omega_dt):
+        atoms = cell_of('triangular', InversePower(1.0, 4.0), k, model, (2, 1, 1))
+        return logarithms(atoms, omega_dt / omega, 250, 2 * zeta * omega, np.array([along, -along]))
+
+    assert log(1.999).max() < 0.1
+    # one step has the trace (1 + det)(1 - (omega dt)^2/2) and the determinant det = exp(-gamma dt)
+    det = np.exp(-2 * zeta * 2.001)
+    trace = (1 + det) * (1 - 2.001**2 / 2)
+    expected = np.log(abs(np.roots([1, -trace, det])).max())
+    over = log(2.001)
+    assert (over[5] - over[3]) / 100 == pytest.approx(expected, rel=1e-3)  # where the smaller root has faded
+
+
 # --- at rest ---------------------------------------------------------------------------------------------------------
+
+def test_a_free_edge_is_pushed_by_root_three_times_the_force_of_a_bond():
+    # a straight row of the triangular lattice lacks two bonds, at 60 and 120 degrees: 2 sin 60 = sqrt(3)
+    strip = lattices.triangular(1.0, 1.0).repeat((6, 5, 1))
+    strip.pbc = (1, 0, 0)
+    strip.calc = MagneticRepulsion(strip, InversePower(1.0, 4.0))
+    push = np.linalg.norm(strip.get_forces(), axis=1)
+    y = strip.positions[:, 1]
+    edge = (y == y.min()) | (y == y.max())
+    np.testing.assert_allclose(push[edge], np.sqrt(3), rtol=1e-12)
+    np.testing.assert_allclose(push[~edge], 0, atol=1e-12)
+    # both sides of it in the verdict: with the edge held there is rest
+    assert verdict(strip)['residual'] == pytest.approx(np.sqrt(3), rel=1e-12)
+    strip.set_constraint(FixAtoms(mask=edge))
+    assert verdict(strip)['residual'] == 0
+
 
 # --- finite differences ----------------------------------------------------------------------------------------------
 

@@ -2,8 +2,9 @@
 From a transfer function to a lattice
 =====================================
 
-Tap one magnet and measure three others: a fit then gives force, exponent, foundation and damping, both with D* and without.  Here
-the patch is simulated, so that the truth is known.  Its magnets, feet and pillars scatter, as in a real patch.
+Tap one magnet and measure three others: a fit then gives force, exponent, foundation and damping, both with D* and without; it
+takes the mass as known to 1 %.  Here the patch is simulated, so that the truth is known.  Its magnets, feet and
+pillars scatter, as in a real patch.
 
 On the command line::
 

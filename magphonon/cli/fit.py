@@ -8,7 +8,7 @@ foundation of the scene are fitted to them with D* and without, and the evidence
 source sent the waves; the intervals allow for the shift that such a source gives to all ridges of a branch.
 
 Responses: with `--frf SCENE` the files hold measured transfer functions, as tables or universal files. Force, exponent,
-foundation and damping of the patch or the structure of the scene are fitted to them, with D* and without.
+foundation, damping and mass (known to 1 %) of the patch or the structure of the scene are fitted to them, with D* and without.
 
 If a scene is named first, `magphonon fit mine.toml ridges.csv`, the other files are recognised by their contents.  Records of
 different kinds are fitted one after the other: give what one fit finds to the next by --prior.

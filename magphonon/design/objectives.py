@@ -238,7 +238,7 @@ class BandEdge(Objective):
         edge = self.value(rest)
         softer = -rest.excess(edge)[0].min()
         return [f'In waves of a cell rods count as springs with 33/140 of their mass, but at {units.hertz(edge):.4g} Hz they are '
-                f'softer by up to {softer:.2g} times their static stiffness: this edge lies lower.'] * bool(softer > SOFTER)
+                f'softer by up to {100 * softer:.2g} % of their static stiffness: this edge lies lower.'] * bool(softer > SOFTER)
 
     def _waves(self, rest):
         """Squared frequencies of Bloch waves, shape (wavevectors, branches), and the modes x in columns, with x.M x = 1."""

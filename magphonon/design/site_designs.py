@@ -659,7 +659,8 @@ def verify(atoms: Atoms, objective: Objective | Sequence[Objective], errors: Err
     Parameters
     ----------
     atoms : ase.Atoms
-        Such as `SiteDesign.atoms`, or of a scene.
+        Such as `SiteDesign.atoms`, or of a scene.  Its array 'rod_masses' makes rods cantilevers; a scene has none, and without
+        it they are springs.
     objective : Objective or sequence of Objective
     errors : Errors
     copies : int

@@ -81,7 +81,8 @@ def trim(atoms: Atoms, objective: Objective | Sequence[Objective], measured: Seq
     Parameters
     ----------
     atoms : ase.Atoms
-        The device as it was designed, such as `SiteDesign.atoms`, not as it was built.
+        The device as it was designed, such as `SiteDesign.atoms`, not as it was built.  Its array 'rod_masses' makes rods
+        cantilevers; a scene has none, and without it they are springs.
     objective : Objective or sequence of Objective
         What is to be made large, as in `optimise`; the source may be off its frequency as `errors` say.
     measured : sequence of TransferFunction

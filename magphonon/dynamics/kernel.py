@@ -27,12 +27,16 @@ from typing import NamedTuple
 from warnings import warn
 
 import numpy as np
-from numba import config, njit, types
-from numba.core.options import DefaultOptions
-from numba.extending import intrinsic, overload
 
-if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]  numba sets it from the environment
-    raise ImportError("NUMBA_DISABLE_JIT is set, but long runs and large systems are compiled; unset it, or use engine='ase'")
+try:
+    from numba import config, njit, types
+    from numba.core.options import DefaultOptions
+    from numba.extending import intrinsic, overload
+
+    if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]  numba sets it from the environment
+        raise ImportError('NUMBA_DISABLE_JIT is set')
+except ImportError as lack:
+    raise ImportError(f"{lack}, but long runs and large structures need compiled code; mend this, or use engine='ase'") from lack
 COUNTED = {'_nrt': False} if hasattr(DefaultOptions, '_nrt') else {}
 """An internal option of numba that switches off reference counts of arrays, which take longer than a short run of slots."""
 OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}, 'nogil': True, 'no_cfunc_wrapper': True, **COUNTED}

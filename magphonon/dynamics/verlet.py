@@ -73,8 +73,9 @@ class DrivenVerlet(VelocityVerlet):
     Both engines give observers the same states up to round-off; bit by bit, only runs with the same observers agree, because
     their calls divide the run into blocks.  'ase' is ASE's own loop, for any calculator.  'compiled' moves planar structures with
     PairCalculator by blocks of steps between two observer calls. It carries displacements from rest instead of positions, so
-    that small displacements keep their digits; blocks in which bonds leave the range of its fitted law are done by ASE's loop.
-    With PairCalculator a run that diverges stops with Diverged; with other calculators this is not noticed.
+    that small displacements keep their digits until a setting changes; blocks in which bonds leave the range of its fitted law
+    are done by ASE's loop.  With PairCalculator a run that diverges stops with Diverged; with other calculators this is not
+    noticed.
 
     Between two runs, in observers, and between the steps of `irun`, positions, momenta, masses, constraints, the calculator, its
     parameters, the damping and the drives may be changed: every engine continues with the new values.

@@ -105,6 +105,13 @@ def test_files_keep_the_digits_of_lattices_of_any_size(seed, tmp_path):
     assert_allclose(data['lattice'], cell.cell.array, rtol=1e-15)
 
 
+def test_phonopys_own_save_would_cost_the_masses_their_digits(phonon, path, tmp_path):
+    phonon.save(tmp_path / 'saved.yaml', settings={'force_constants': True})
+    loaded = phonopy.load(tmp_path / 'saved.yaml', symmetrize_fc=False, is_symmetry=False, is_nac=False)
+    assert abs(phonopy_bands(loaded, path).omega / phonopy_bands(phonon, path).omega - 1).max() > 1e-8
+    assert loaded.unit_conversion_factor != pytest.approx(1e3 / (2 * np.pi), rel=0.1)  # nor does it keep the unit
+
+
 COMMAND = '--nosym', '--nonac', '--band', '0 0 0  1/2 0 0  1/3 1/3 0', '--band-points', '3'
 
 

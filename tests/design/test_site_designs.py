@@ -84,7 +84,8 @@ def test_a_design_of_parts_that_can_be_bought():
     for name, grades in (('strength', GRADES), ('rod', RODS)):
         assert abs(design.values[name][free][:, None] - grades).min(1).max() < 1e-12
     assert 0 < abs(design.values['foot']).max() <= 0.5
-    assert design.value > 6
+    assert design.value > 6  # of the patch, by symmetry, zero; of its copies with errors -0.7
+    assert verify(design.atoms, design.targets, ERRORS, copies=8, seed=9).reached(80) > 2.5
     # the moving mass follows the rod
     rods = design.values['rod'][free]
     np.testing.assert_allclose(design.atoms.get_masses()[free], 0.6 + 0.1 * rods**2, rtol=1e-12)

@@ -16,7 +16,7 @@ from magphonon.response.transfer_functions import TransferFunction
 from magphonon.stiffness import LinearSystem
 from magphonon.stiffness.defects import varied_sites
 
-SCATTER = np.array([0.015, 0.025, 0.01])
+SCATTER = np.array([0.03, 0.05, 0.02])
 
 
 @pytest.fixture(scope='module')
@@ -33,7 +33,7 @@ def built():
 def test_slopes_are_those_of_differences(built, monkeypatch):
     """Of a force and of a shaken bench, at sites that are off already; without the motion of the rest the check fails."""
     sites, omega = Sites.of(built.system), np.linspace(0.1, 0.7, 9)
-    z = np.random.default_rng(0).standard_normal(sites.ends[2])
+    z = np.random.default_rng(2).standard_normal(sites.ends[2])  # of 0 two particles meet beside the hole
     free = np.flatnonzero(built.system.mobile)
     functions = [TransferFunction(f'{drive}', omega, 0j * omega, 1.0, 0, Dof(free[3], (0.6, 0.8, 0)), drive,
                                   shaken=not isinstance(drive, Dof))

@@ -103,7 +103,9 @@ def misfits(seeds):
 
 
 def test_the_error_is_within_the_tolerance():
-    assert max(misfits((3, 4))) < 1  # two of the quickest
+    found = misfits((3, 4))  # two of the quickest
+    assert len(found) == 2
+    assert max(found) < 1
 
 
 @pytest.mark.parametrize('kicked', [False, True])
@@ -123,5 +125,6 @@ def test_waves_that_an_observer_sends_are_not_among_those_known(kicked):
 def test_the_error_of_200_runs_is_within_the_tolerance_unless_they_are_chaotic():
     """Undamped motion by nearly half a spacing, for tens of periods, magnifies errors as no rule of frequencies knows."""
     found = np.sort(misfits(range(200)))
+    assert len(found) > 190  # 196: particles of the others leave their cages
     assert found[-3] < 1
     assert np.median(found) > 0.05  # 0.094; as if all waves were the fastest, 0.025

@@ -152,8 +152,11 @@ def test_a_run_that_becomes_long_is_compiled_and_stays_so(monkeypatch):
         dyn.run(29)
 
 
-def test_a_numba_that_compiles_nothing_is_an_error_and_not_motion_without_forces(monkeypatch):
+@pytest.mark.parametrize(('absent', 'cause'), [(False, 'NUMBA_DISABLE_JIT is set'), (True, 'numba halted')])
+def test_a_numba_that_compiles_nothing_or_is_absent_is_an_error_and_not_motion_without_forces(absent, cause, monkeypatch):
     monkeypatch.setattr(numba.config, 'DISABLE_JIT', 1)
+    if absent:
+        monkeypatch.setitem(sys.modules, 'numba', None)
     monkeypatch.delitem(sys.modules, 'magphonon.dynamics.kernel', raising=False)
-    with pytest.raises(ImportError, match=r"NUMBA_DISABLE_JIT is set.*engine='ase'"):
+    with pytest.raises(ImportError, match=rf"{cause}.*, but long runs .* need compiled code; mend this, or use engine='ase'"):
         DrivenVerlet(patch(), DT, engine='compiled').run(3)

@@ -178,7 +178,7 @@ def test_derivatives_follow_from_the_energy_by_the_complex_step(magnet):
     law, r = magnet_law(magnet), away(magnet, np.linspace(0.1, 5, 40))
     np.testing.assert_allclose(law.dphi(r), law.phi(r + 1e-30j).imag / 1e-30, rtol=1e-12)
     np.testing.assert_allclose(law.d2phi(r), law.dphi(r + 1e-30j).imag / 1e-30, rtol=1e-11)
-    np.testing.assert_allclose(law.phi(r[::8]), [pair_energy(magnet, d) for d in r[::8]], rtol=1e-10)
+    np.testing.assert_allclose(law.phi(r), [pair_energy(magnet, d) for d in r], rtol=1e-10)
 
 
 def test_slender_rods_take_more_terms_and_the_slenderest_are_refused():

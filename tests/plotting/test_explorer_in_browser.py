@@ -311,7 +311,7 @@ def test_an_address_leads_to_the_same_state(opened):
     assert page.evaluate('linkOf(view.state, view.chosen)') == '#'  # as in the scene
     state = slide(page, spacing=3, exponent=5, foundation=7)
     page.evaluate('choose({branch: 1, at: 13})')
-    page.wait_for_timeout(400)  # until the page has written its address
+    page.wait_for_function('() => location.hash.includes("point=13")')  # the page writes its address a moment later
     link = page.url
     page.click('#reset')
     assert state_of(page) != state

@@ -454,13 +454,11 @@ def test_several_tables_are_one_measurement(experiment, capsys, tmp_path):
 
 @pytest.mark.slow
 def test_waves_of_a_point_source_may_follow_the_next_branch(tmp_path):
-    """Some points of a longitudinal ridge lie on the shear branch: those of a point source are told, those of a row are not."""
+    """Some points of a longitudinal ridge lie on the shear branch: a fit follows those of a point source, not those of a row."""
     points = measured(np.random.default_rng(9), TRUTH, (0, 1, 1))
     both = bloch_modes(scene_of(tmp_path, TRUTH).perfect_cell(), points.q)[0]
     astray = (points.ridge == 2) & (np.arange(36) % 3 == 0)
     points = replace(points, omega=np.where(astray, both[:, 0], points.omega), sources=('point',) * 3, bin_xi=np.full(36, 0.2))
     fits = fit_bands(scene_of(tmp_path, START), points)
-    assert fits.fits['complete'].strayed == astray.sum()
     assert fits.better.follows
-    assert '4 of the points from a point source are closer to the other branch' in band_report(fits, 36, [])
     assert not fit_bands(scene_of(tmp_path, START), replace(points, sources=('row',) * 3)).better.follows

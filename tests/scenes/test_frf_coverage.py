@@ -15,11 +15,12 @@ from workflows import bench_lattice as bench
 L = 10e-3  # m
 A, MASS, DAMPING = 4.2, 8e-4, 6.0
 BENT = 3.2, 6.5  # the powers whose sum is a law that is none
+DISC = 2.5e-3, 3e-3, 1.3  # m, m, T
 PLACES = (0, 0), (0.01, 0), (-0.015, 0.017), (0, -0.017)  # m, of the drive and of three receivers
-KINDS = {  # lattice and patch, force in N (each half of a bent law), springs along x and y in N/m, sites without a magnet
+KINDS = {  # lattice and patch, force in N (none: discs), springs along x and y in N/m, sites without a magnet
     'triangular': ('triangular', 'kind = "hexagon"\nside_m = 0.04', 0.28, (20.0, 22.0), []),
     'bent': ('file', '', 0.28, (26.0, 22.0), []),  # a rhombic patch, whose rim is not symmetric
-    'kx unlike ky': ('triangular', 'kind = "hexagon"\nside_m = 0.04', 0.2, (16.0, 28.0), []),
+    'kx unlike ky': ('triangular', 'kind = "hexagon"\nside_m = 0.04', None, (16.0, 28.0), []),
     'holes': ('triangular', 'kind = "hexagon"\nside_m = 0.04', 0.12, (30.0, 30.0), [(0.015, 0.00866), (-0.02, 0.0)])}
 
 
@@ -34,9 +35,12 @@ def specimen(folder, kind, seed, points=70, places=PLACES):
         where = 'file = "sites.csv"\ncutoff_m = 0.12\npositions = "anchors"'
         np.savetxt(folder / 'sites.csv', np.c_[nodes, (abs(nodes) > 0.024).any(axis=1)], '%.17g', ',', header='x_m,y_m,held',
                    comments='')
+    table = (f'kind = "inverse_power"\nb_N_m_a = {force * off[0] * L ** (a * off[1])}\na = {a * off[1]}' if force else
+             f'kind = "magnets"\nring = {{outer_diameter_m = {2 * DISC[0]}, height_m = {DISC[1]}}}\n'
+             f'remanence_T = {DISC[2] * off[0]}')
+    shape = bench.disc_force(*DISC) if force is None else lambda r: force / 2 * sum((L / r) ** power for power in powers)
     (folder / 'lab.toml').write_text(
-        f'title = "lab"\n[lattice]\nkind = "{lattice}"\n{where}\nmass_kg = {MASS}\n[law]\n'
-        f'kind = "inverse_power"\nb_N_m_a = {force * off[0] * L ** (a * off[1])}\na = {a * off[1]}\n' +
+        f'title = "lab"\n[lattice]\nkind = "{lattice}"\n{where}\nmass_kg = {MASS}\n[law]\n{table}\n' +
         'shells = "auto"\n' * bool(patch) +
         f'[foundation]\nstiffness_N_per_m = {springs[0] * off[2]}\nstiffness_y_N_per_m = {springs[1] * off[3]}\n' +
         f'[patch]\n{patch}\n' * bool(patch) + f'[defects]\nvacancies_m = {[list(one) for one in holes]}\n' * bool(holes) +
@@ -45,7 +49,7 @@ def specimen(folder, kind, seed, points=70, places=PLACES):
     scene = read_scene(folder / 'lab.toml')
     atoms, push = scene.shaken()[0], np.array([np.cos(0.7), np.sin(0.7)])
     reach = 1.001e-3 * atoms.calc.bonds.lengths.max()  # pairs farther than those of the scene make another lattice
-    law = bench.tabulated(lambda r: force / 2 * sum((L / r) ** power for power in powers), 0.62 * L, 1.1 * reach)
+    law = bench.tabulated(shape, 0.62 * L, 1.1 * reach)
     sites, w = 1e-3 * atoms.calc.anchors[:, :2], 2 * np.pi * np.linspace(8, 160, points)
     held = np.isin(np.arange(len(atoms)), atoms.constraints[0].index)
     lab = bench.built(sites, law, reach, rng, mass=mass, springs=springs, damping=DAMPING, held=held)
@@ -58,7 +62,7 @@ def specimen(folder, kind, seed, points=70, places=PLACES):
     free = ~lab.held
     true = float(law(L)[0]) * lab.strengths[free].mean() ** 2
     truth = dict(zip(('foundation_x', 'foundation_y'), lab.springs[free].mean(axis=0).tolist(), strict=True))
-    return scene, functions, truth | {'force': true, 'damping': DAMPING, 'a': a}
+    return scene, functions, truth | {'force': true, 'damping': DAMPING} | ({'a': a} if force else {})
 
 
 def errors_of(values, truth):

@@ -9,9 +9,9 @@ from scipy.optimize import minimize_scalar
 from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, read_scene, verdict
-from magphonon.interactions import Spring
+from magphonon.interactions import Spring, Yukawa
 from magphonon.stability import frequency_shifts, verdicts
-from magphonon.stability.buckling import critical_spacing, softest_of
+from magphonon.stability.buckling import critical_spacing, critical_support, softest_of
 from magphonon.stiffness import LinearSystem, PairCalculator
 from magphonon.stiffness.matrices import hessian
 
@@ -92,6 +92,22 @@ def test_what_holds_itself_at_every_spacing_never_begins_to_buckle():
         lattice = lattices.triangular(1.0, 1.0).repeat((2, 1, 1))
         lattice.calc = MagneticRepulsion(lattice, InversePower(1.0, a))
         assert critical_spacing(LinearSystem.of(lattice)) is None
+
+
+@pytest.mark.parametrize(('lattice', 'wave', 'alone'), [
+    ('chain', 4, 2), ('square', 8, 4), ('triangular', 9, 6), ('honeycomb', 6, 3)])
+def test_supports_out_of_the_plane(lattice, wave, alone):
+    """Magnets: (a - 1) f/r a bond, by Laplace's equation; the worst wave is at X, M, K and between the two sublattices."""
+    atoms = getattr(lattices, lattice)(1.0, 1.0)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0))
+    assert_allclose(critical_support(LinearSystem.of(atoms), magnets=True), (3 * wave, 3 * alone), rtol=1e-12)
+    assert_allclose(critical_support(LinearSystem.of(atoms), magnets=False), (wave, alone), rtol=1e-12)
+    found = verdict(atoms)
+    assert_allclose(found['supports'], (3 * wave, 3 * alone, wave), rtol=1e-12)
+    atoms.calc = MagneticRepulsion(atoms, Yukawa(c=1.0, kappa=0.5))  # particles that are no magnets
+    found = verdict(atoms)
+    assert found['supports'].wave is found['supports'].alone is None
+    assert_allclose(found['supports'].central, wave * 1.5 * np.exp(-0.5), rtol=1e-12)  # f = c (1/r + kappa) e^{-kappa r}/r
 
 
 @pytest.mark.parametrize('steps', [None, 12, 5])

@@ -92,6 +92,21 @@ def test_hessian_is_a_property_that_no_file_sees():
     assert abs(sum(parts) - H).max() < 1e-15 * abs(H).max() * 12
 
 
+@pytest.mark.parametrize('name', ['a.traj', 'a.extxyz'])
+def test_written_and_read_again(tmp_path, name):
+    import ase.io
+
+    atoms = triangular_patch(foundation=0.02)
+    forces, energy = atoms.get_forces(), atoms.get_potential_energy()
+    ase.io.write(tmp_path / name, atoms)
+    back = ase.io.read(tmp_path / name)
+    # extxyz keeps eight decimals; a trajectory keeps all
+    tolerance = {'rtol': 0, 'atol': 1e-8 if name.endswith('xyz') else 0}
+    np.testing.assert_allclose(back.positions, atoms.positions, **tolerance)
+    np.testing.assert_allclose(back.get_forces(), forces, **tolerance)
+    assert back.get_potential_energy() == pytest.approx(energy, rel=1e-8)
+
+
 def test_a_calculator_made_of_another_does_not_warn_again():
     cell = lattices.triangular(10.0, 0.7)
     with pytest.warns(UserWarning, match='mm, g, ms and N') as told:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.optimize import brentq
 from scipy.special import zeta
 
 from magphonon import InversePower, lattices
@@ -89,6 +90,18 @@ def test_coulomb_crystals(lattice, printed):
     """Energy per particle in e^2 over the Wigner-Seitz radius: Baus and Hansen, Phys. Rep. 59, 1 (1980)."""
     radius = (3 * volume(lattice) / (4 * np.pi)) ** (1 / 3)
     assert_allclose(lattice_sum(lattice, 1) * radius / 2, printed, rtol=0, atol=6e-7)
+
+
+def yukawa_energy(lattice, kappa):
+    """Per particle, for a Wigner-Seitz radius of one."""
+    lattice = lattice * (4 * np.pi / 3 / volume(lattice)) ** (1 / 3)
+    return lattice_sum(lattice, Yukawa(1.0, kappa)) / 2
+
+
+def test_yukawa_crystals_change_from_bcc_to_fcc():
+    """At kappa = 1.066 Wigner-Seitz radii: Hamaguchi, Farouki and Dubin, Phys. Rev. E 56, 4671 (1997)."""
+    crossing = brentq(lambda kappa: yukawa_energy(FCC, kappa) - yukawa_energy(BCC, kappa), 0.5, 2)
+    assert_allclose(crossing, 1.066, atol=5e-4, rtol=0)
 
 
 # --- direct sums and the splitting -----------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Nets, ions and clusters, drawn: forces, Hessian, modes and stability beside sums written out here; words without magnets."""
+"""Nets, ions and clusters, drawn: forces, Hessian, modes and stability beside sums written out here."""
 
 from itertools import combinations, combinations_with_replacement, product
 

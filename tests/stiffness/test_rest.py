@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from oracles import Pairs, free_basis, lattice, neighbour_vectors
 
 from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed, units as u, verdict
 from magphonon.errors import Unstable
+from magphonon.lattices.patches import RIM
+from magphonon.response.normal_modes import natural_frequencies
 from magphonon.stiffness import LinearSystem
 
 LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
@@ -88,3 +91,12 @@ def test_the_verdict_on_a_saddle_is_that_it_buckles():
     assert judged['residual'] == 0
     assert not judged.stable
     assert judged['buckling'].growth == pytest.approx(np.sqrt(-squares[0]), rel=1e-8)
+
+
+def test_magnets_placed_by_hand_assemble_themselves():
+    atoms = lattices.hexagon(lattices.triangular(10.0, 0.707), 60.0)
+    free = atoms.get_tags() != RIM
+    atoms.positions[free, :2] += 0.8 * np.random.default_rng(0).normal(size=(free.sum(), 2))
+    atoms.calc = MagneticRepulsion(atoms, LAW, cutoff=14.5)
+    f = natural_frequencies(relaxed(atoms).atoms) * HZ
+    assert_allclose(f[[0, -1]], [16.34, 145.0], rtol=5e-4)

@@ -1,6 +1,5 @@
 """Every site its own: what `tests/test_structures_and_questions.py` does not ask."""
 
-
 import numpy as np
 import pytest
 from oracles import lattice
