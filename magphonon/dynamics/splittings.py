@@ -15,8 +15,6 @@ from typing import Any
 
 import numpy as np
 
-TINY = np.finfo(float).tiny
-
 
 class StepsTooLong(ValueError):
     """Time steps are too long for the tolerance of a run; `longest` is what they may have, in ms."""
@@ -69,24 +67,15 @@ class Splitting:
         shape = np.sqrt(-state[1, 0] / state[0, 1]) / x - 1
         return np.maximum(abs(frequency) * 24, abs(shape) * 8) / x**2
 
-    def error(self, x: Any, phase: Any) -> Any:
-        """Error of motion after steps with omega h = x; NaN where the method is not stable.
-
-        Parameters
-        ----------
-        x : float or ndarray
-        phase : float, or ndarray of shape (4,)
-            The phase in radians of a wave of the highest frequency omega, for its relative error.  Of any motion: sums over its
-            waves of phase + SHAPE times amplitude, weighted by (w/omega)^0, 2, 4 and 6.
-        """
-        moments = phase if np.ndim(phase) else np.full(4, phase + SHAPE)
-        fewer, weighted = moments[self.order // 2 - 1], moments[self.order // 2]
+    def error(self, x: Any, phase: float) -> Any:
+        """Relative error of an oscillator with omega h = x after `phase` radians; NaN where the method is not stable."""
+        at = np.maximum(x, EXACT)
         with np.errstate(invalid='ignore'):
-            at = np.maximum(np.sqrt(weighted / (fewer + TINY)) * x, EXACT)  # of the waves that make most of the error
-            return np.where(x < self.limit, self.beside_verlet(at) * at**2 * (x / at) ** self.order * weighted / 24, np.nan)
+            error = self.beside_verlet(at) * at**2 * (x / at) ** self.order * (phase / 24 + 1 / 8)
+        return np.where(x < self.limit, error, np.nan)
 
-    def longest(self, phase: Any, tolerance: float) -> float:
-        """Largest omega h at which the `error` of motion stays below `tolerance`."""
+    def longest(self, phase: float, tolerance: float) -> float:
+        """Largest omega h at which the `error` of a wave stays below `tolerance` over a phase of `phase` radians."""
         x = self.limit * np.geomspace(0.01, 1, 1000)[:-1]
         error = self.error(x, phase)
         if not (good := error <= tolerance)[0]:  # such short steps err as the leading term does
@@ -114,7 +103,6 @@ SPLITTINGS = {one.order: one for one in (
               _both_ways((0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928), 1),
                  3.1414, 6.0))}
 """The methods, by the order of their error."""
-SHAPE = 3  # radians in which the error of a phase becomes as large as that of the shape of an orbit
 EXACT = 0.1  # omega h up to which errors are those of the leading term, and below which round-off would hide them
 ROUND_OFF = 1e-13  # error by round-off in a radian of the fastest wave
 

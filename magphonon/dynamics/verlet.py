@@ -40,7 +40,7 @@ from ..stiffness.repulsion import masses_of
 from ..stiffness.rest import LinearSystem, freedom
 from ..traits import LINEAR, all_but, refuse, takes
 from .cages import HARMLESS, Cages, Diverged
-from .drives import Constant, check_drives, forces_and_walls
+from .drives import check_drives, forces_and_walls
 from .engine import (
     Blocks,
     fastest,
@@ -51,7 +51,7 @@ from .engine import (
     refuse_long_decay,
     refuse_long_step,
 )
-from .splittings import SHAPE, SPLITTINGS, TINY, StepsTooLong
+from .splittings import SPLITTINGS, StepsTooLong
 
 ENGINES = ('auto', 'ase', 'compiled')
 ENOUGH = 100_000  # number of particles of a thread from which on another one pays
@@ -60,9 +60,6 @@ COMPILING_PAYS, BESIDE = 2e6, 1000
 long as loading compiled steps, 0.3 s; the seconds that these take to be compiled, once on a machine, are saved in ten runs."""
 SUMMED = 1e-9  # round-off of the errors of all steps
 HEADROOM = 0.6  # share of a tolerance that steps use up which are told along a run, as strains may still grow
-TRUST = 0.65  # share of a tolerance up to which the error is believed that follows from the waves of a run
-BROADER, SUDDEN = 1.3, 0.6
-"""A drive of the frequency w errs like waves of BROADER w, or if it is slow, as it begins at once, SUDDEN times the highest."""
 BLOCK = 32  # largest number of steps between two checks whether particles have collided or left
 SHOWN = 8 * BLOCK  # largest number of steps after which blocks update the atoms, for users who iterate
 
@@ -104,10 +101,9 @@ class DrivenVerlet(VelocityVerlet):
         Allowed error of the displacements at the end of a run, as a fraction of the largest displacement in the run. Blocks then
         compute the bond forces with as few coefficients as this error allows, and compiled blocks use single precision if it is
         sufficient; this takes a half to a quarter of the time.  If no `order` is given, the error of the time steps is kept
-        within the tolerance too, for the waves that move at the start of a run and those that drives send. Or StepsTooLong, a
-        ValueError, gives the step that takes the fewest evaluations: at the beginning, or as soon as strains make waves too
-        fast, or an observer changes what moves. Two kinds of motion may miss the tolerance: chaotic motion, by half a spacing and
-        hardly damped; and close to buckling, by a factor of five, modes slower than a hundredth of the fastest.
+        within the tolerance too, or StepsTooLong, a ValueError, gives the step that takes the fewest evaluations: at the
+        beginning, or as soon as strains make waves too fast. Two kinds of motion may miss the tolerance: chaotic motion, by half
+        a spacing and hardly damped; and close to buckling, by a factor of five, modes slower than a hundredth of the fastest.
     allow_unstable : bool
         Run even if the time step is over the limit of stability, or too long for the damping.
     logfile : path or file, optional
@@ -169,7 +165,6 @@ class DrivenVerlet(VelocityVerlet):
         self._cages, self._unseen, self._good = None, 0.0, None
         self._prepared = self._setting(), None, 0.0
         self._counted, self._error = 0, 0.0  # steps whose error has been added up, and their error
-        self._content = np.ones(4)
 
     @property
     def damping(self) -> NDArray[np.float64]:
@@ -286,8 +281,6 @@ class DrivenVerlet(VelocityVerlet):
         ASE's own iterator yields at every step. If you need each step, attach an observer, use a `Recorder`, or engine='ase'.
         """
         self.max_steps, self._counted = self.nsteps + steps, self.nsteps
-        if self._content[-1] < 1:
-            self._prepared = self._prepared[0], None, 0.0  # other waves may move now
         self._prepare(steps)
         if self.nsteps == 0:
             self.log()
@@ -303,12 +296,9 @@ class DrivenVerlet(VelocityVerlet):
             except Diverged as error:
                 error.atoms, error.last_good = self.atoms, self.get_time()
                 raise
-            left = self._state() if self._content[-1] < 1 else ()
             self.log()
             self.call_observers()
             yield self.nsteps == self.max_steps
-            if left and not all(map(np.array_equal, left, self._state())):
-                self._content = np.ones(4)  # of waves that somebody else has sent, nothing is known
 
     def _next_call(self):
         """The step at which an observer, or who iterates, looks at the atoms next."""
@@ -342,43 +332,21 @@ class DrivenVerlet(VelocityVerlet):
 
     def _longest(self, share=1.0):
         """The longest step in ms that meets this share of the tolerance to the end of the run, of each order."""
-        phase = (self._omega * self.max_steps * self.dt + SHAPE) * self._content
-        return {order: SPLITTINGS[order].longest(phase, share * self.tolerance) / self._omega
+        return {order: SPLITTINGS[order].longest(self._omega * self.max_steps * self.dt, share * self.tolerance) / self._omega
                 for order in (SPLITTINGS if self._chooses else (2,))}
 
     def _order(self):
         """The lowest order whose steps meet the tolerance to the end of the run."""
-        fast = self._repays(self.max_steps - self.nsteps)  # steps are compiled, and take less time than looking at waves
-        for known in range(3):  # waves that may all be the fastest, a bound of whose frequency is quickly found
-            if known == 1:
-                self._content = self._waves()
-            elif known == 2:
+        for sharp in (False, True):  # a bound of the highest frequency first
+            if sharp:
                 omega = highest_frequency(self.atoms)
                 self._omega = max(fastest(omega**2, self.atoms.calc.turning), self._driven)
             longest = self._longest()
             for order in longest:
-                if self.dt <= longest[order] and (known or order == 2 or fast):
+                if self.dt <= longest[order]:
                     return order
         cheapest = min(longest, key=lambda order: SPLITTINGS[order].stages / longest[order])
         raise self._too_long(longest[cheapest])
-
-    def _waves(self):
-        """Weights (w/omega)^0, 2, 4 and 6 of the waves of a run, at most one: those that move now, and those that drives send."""
-        calc: Any = self.atoms.calc
-        courses = [drive for drive in self._drives if not isinstance(drive, Constant)]
-        if calc.turning or self._walls or self._driven >= self._omega or not all(hasattr(one, 'omega') for one in courses):
-            return np.ones(4)
-        system, sizes = LinearSystem.about(calc, self.atoms), []
-        free, squares = system.free, np.repeat(system.masses, system.dim)[:, None] * self._omega**2
-        moving = np.stack([self._omega * self.displacements.ravel(), self.velocities.ravel()], axis=1)
-        for _ in range(5):
-            moving = free @ (free.T @ moving)
-            sizes.append(abs(moving).max(axis=0))
-            moving = system.hessian @ moving / squares
-        u, v = np.array(sizes).T
-        moves = np.hypot(np.sqrt(u[:4] * u[1:]), v[:4])
-        sent = max(BROADER * self._driven / self._omega, SUDDEN) ** (2 * np.arange(4)) * bool(self._drives)
-        return np.minimum(np.maximum(moves / max(moves[0], TINY), sent) / TRUST, 1.0)
 
     def _too_long(self, longest, why=''):
         return StepsTooLong(f'time steps of {self.dt:.6g} ms are too long for an error of {self.tolerance:g} after '
@@ -392,13 +360,12 @@ class DrivenVerlet(VelocityVerlet):
         if lengths_of(u).max(initial=0.0) > HARMLESS * self.atoms.calc.bonds.shortest:
             about = LinearSystem.about(self.atoms.calc, self.atoms)  # pyright: ignore[reportArgumentType]  there are bonds
             faster = max(particle_bound(about, u) / particle_bound(about, 0 * u), 1.0)
-        x = faster * self._omega * self.dt
-        self._error += self.splitting.error(x, x * steps * self._content)
-        if not self._error + self.splitting.error(x, SHAPE * self._content) <= (1 + SUMMED) * self.tolerance:
+        x, error = faster * self._omega * self.dt, self.splitting.error
+        self._error += error(x, x * steps) - error(x, 0.0)
+        if not self._error + error(x, 0.0) <= (1 + SUMMED) * self.tolerance:
             self._omega *= faster
             longest = self._longest(HEADROOM)[self.splitting.order]
-            why = f'strains make waves {faster:.3g} times faster' if faster > 1 else 'others move than those known at the start'
-            raise self._too_long(longest, f', as {why} at {self.get_time():.6g} ms')
+            raise self._too_long(longest, f', as strains make waves {faster:.3g} times faster at {self.get_time():.6g} ms')
 
     def _one_step(self):
         """Do a step of ASE's loop; if the bonds are no longer valid, go back to the last state in which they were, and raise."""
