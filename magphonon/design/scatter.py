@@ -34,7 +34,7 @@ from ..response.normal_modes import Modes, modes
 from ..stiffness.factors import inverse
 from ..stiffness.matrices import Model, hessian, model_stiffness, stiffness_change
 from ..stiffness.rest import LinearSystem
-from ..stiffness.sites import RAYLEIGH, cantilever_excess
+from ..stiffness.sites import RAYLEIGH, RODS, cantilever_excess
 from ..traits import LIKE, takes
 
 if TYPE_CHECKING:
@@ -45,8 +45,6 @@ REGULAR = 1e-12
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
 ROUND_OFF = 1e-13  # of forces that cancel
 STEP = 1e-20  # relative size of a complex step: no difference is taken, so it may be as small as numbers allow
-RODS = 'rod_masses'
-"""Array of atoms with the moving mass in g of the rod under each particle, 33/140 of the whole, which the masses include."""
 CROSSING = 1e-9
 """Difference of two squared frequencies, as a fraction of the highest, below which their modes are arbitrary."""
 
@@ -196,10 +194,13 @@ class Rest:
         """The arrays of a structure at rest."""
         system = LinearSystem.of(atoms).moving()
         calc = system.calc
-        springs = np.broadcast_to(calc.foundation, (len(system), calc.dim))
+        springs, rods = np.broadcast_to(calc.foundation, (len(system), calc.dim)), system.atoms.arrays.get(RODS, 0.0)
+        if np.ndim(rods) > 1 or not ((rods >= 0) & (rods <= system.masses)).all():
+            raise ValueError(f'atoms.arrays[{RODS!r}] must be the moving mass of the rod of each site in g, not below zero nor '
+                             'above the mass of the site, which includes it')
         return cls(Frame(calc.bonds, system.free, calc.dim), calc.bond_vectors, calc.interaction, springs,
                    np.broadcast_to(calc.spring_forces, springs.shape), system.masses, calc.model,
-                   rods=system.atoms.arrays.get(RODS, 0.0))
+                   rods=rods)
 
     def once(self, key: Any, compute: Callable[[], Any]) -> Any:
         """The stored result for `key`; `compute` runs only the first time."""

@@ -266,9 +266,10 @@ class Structure:
         atoms.positions[:, :dim] += foot + rest.bent
         atoms.set_masses(rest.masses)  # pyright: ignore[reportArgumentType]  ASE declares its default
         atoms.set_constraint(self.atoms.constraints)
-        atoms.set_array(RODS, rest.rods)
         atoms.calc = calc.about(atoms, anchors=anchors, foundation=rest.springs,
                                 strengths=calc.strengths * parts.strength * np.sqrt(parts.force))
+        for one in (atoms, atoms.calc.reference):  # which files of ASE keep
+            one.set_array(RODS, rest.rods)
         return atoms
 
 

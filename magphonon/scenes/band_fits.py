@@ -377,7 +377,7 @@ def with_bends(scene: Scene, factors: Mapping[str, float], reach: float) -> tupl
         return scene, {}
     law, changes = _bent(scene, factors)
     r = np.geomspace(FROM * scene.lattice.spacing_m * u.m, reach, KNOTS)
-    r = r[abs(np.log10(-law.dphi(r) / u.N)) < DECADES]
+    r = r[abs(np.log10(law.dphi(r) / law.dphi(scene.lattice.spacing_m * u.m))) < DECADES]
     own, columns = scene.law, {'distances_m': (r / u.m).tolist(), 'forces_N': (-law.dphi(r) / u.N).tolist()}
     table = TableLaw.model_validate({'kind': 'table', 'shells': own.asked, **columns})
     return scene.model_copy(update={'law': table.with_shells(own.shells, own.reach)}), changes

@@ -113,7 +113,7 @@ class FrfFits:
         return {name: sigmas for name, sigmas in found.items() if sigmas > CONTRADICTS}
 
     def fitted(self, model: Model = 'complete') -> Scene:
-        """The scene with the parameters of the fit, without the gain, which belongs to the instrument."""
+        """The scene with the parameters of the fit, without the gain, which belongs to the instrument; masses in a file stay."""
         return _with(self.scene, self.fits[one_of('model', model, MODELS)].by_name)[0]
 
     def values(self, model: Model = 'complete') -> dict[str, tuple[float, float]]:

@@ -17,7 +17,7 @@ from ..errors import one_of, positive, shown
 from ..interactions.bond_laws import laws_from_dict, laws_of, laws_to_dict
 from ..lattices.bonds import Bonds, vectors_between
 from .matrices import sizes
-from .sites import FLAT, Foundation, Sites, each_spring, gyration_blocks, height
+from .sites import FLAT, RODS, Foundation, Sites, each_spring, gyration_blocks, height
 from .supercells import NEAR, fitted, jumped, refuse_another_order
 
 if TYPE_CHECKING:
@@ -335,10 +335,10 @@ def _table(name, given, entries):
 
 
 def _reference_to_dict(atoms):
-    """Rest positions, cell, masses, tags and constraints; other arrays are left out."""
+    """Rest positions, cell, masses, tags, rods and constraints; other arrays are left out."""
     parts = {'numbers': atoms.numbers, 'positions': atoms.positions, 'cell': atoms.cell.array, 'pbc': atoms.pbc,
              'masses': atoms.get_masses(), 'constraints': [constraint.todict() for constraint in atoms.constraints]}
-    return parts | ({'tags': atoms.get_tags()} if atoms.has('tags') else {})
+    return parts | {name: atoms.get_array(name) for name in ('tags', RODS) if atoms.has(name)}
 
 
 def _reference_from_dict(given):
@@ -346,6 +346,8 @@ def _reference_from_dict(given):
     try:
         atoms = Atoms(**{name: parts[name] for name in REFERENCE if name != 'constraints'}, tags=parts.get('tags'))
         atoms.set_constraint([dict2constraint(constraint) for constraint in parts['constraints']])
+        if RODS in parts:
+            atoms.set_array(RODS, np.asarray(parts[RODS], float))
     except Exception as error:  # ASE raises errors of all kinds for damaged data
         raise ValueError(f'the entry reference cannot be read ({error}); write the calculator again') from error
     return atoms

@@ -17,6 +17,7 @@ from ase import Atoms
 from ..errors import one_of
 from .all_neighbours import AllNeighbours
 from .calculator import PairCalculator
+from .sites import RODS
 
 if TYPE_CHECKING:
     from ase.db.row import AtomsRow
@@ -64,4 +65,6 @@ def restored(atoms: Atoms | AtomsRow, parameters: dict[str, Any] | None = None, 
     cls = CALCULATORS[one_of('the calculator', found['calculator'], tuple(CALCULATORS))]
     atoms = atoms.copy()
     atoms.calc = cls.fromdict(found, laws)
+    if atoms.calc.reference.has(RODS) and len(atoms) == len(atoms.calc.reference):  # ASE's files keep no such array
+        atoms.set_array(RODS, atoms.calc.reference.get_array(RODS))
     return atoms

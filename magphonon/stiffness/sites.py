@@ -29,6 +29,8 @@ Foundation = float | NDArray[np.float64]
 OUT_OF_PLANE = 0.1  # largest displacement of a finite difference, in shortest bonds; one beyond is refused out of the plane
 ROUND_OFF = 1e-12  # fraction of the largest momentum below which a momentum along z is round-off of a direction in the plane
 LIGHT = 1e-3  # 3 m omega^2/k of a cantilever below which Rayleigh's mass is exact, and other formulas are round-off
+RODS = 'rod_masses'
+"""Array of atoms with the moving mass in g of the rod under each particle, 33/140 of the whole, which the masses include."""
 FLAT = 1e-9  # largest spread of z in a plane, as a fraction of the shortest bond; a larger one is no round-off of positions
 
 

@@ -13,6 +13,7 @@ from magphonon.design import BandEdge, Contrast, Errors, optimise, verify, write
 from magphonon.design.site_designs import Structure
 from magphonon.errors import Unstable
 from magphonon.response import Dof, harmonic_response
+from magphonon.scenes import write_scene
 from magphonon.scenes.tolerances import Uncertainty
 from magphonon.stability import critical_foundation
 
@@ -77,7 +78,7 @@ def bought(steps, errors=ERRORS, seed=0):
                     draws=2, seed=seed)
 
 
-def test_a_design_of_parts_that_can_be_bought():
+def test_a_design_of_parts_that_can_be_bought(tmp_path):
     design, again = (bought(40) for _ in range(2))
     np.testing.assert_array_equal(design.x, again.x)  # by seed and steps, not by the clock
     free = design.variables.sites
@@ -90,6 +91,8 @@ def test_a_design_of_parts_that_can_be_bought():
     rods = design.values['rod'][free]
     np.testing.assert_allclose(design.atoms.get_masses()[free], 0.6 + 0.1 * rods**2, rtol=1e-12)
     np.testing.assert_allclose(design.atoms.arrays['rod_masses'][free], 0.1 * rods**2, rtol=1e-12)
+    write_scene(design.atoms, tmp_path / 'bought.toml')  # and are in its files
+    assert design.targets[0].value(read_scene(tmp_path / 'bought.toml').atoms()) == design.targets[0].value(design.atoms)
     np.testing.assert_allclose(design.atoms.calc.foundation[free, 0], 0.02 * rods**4, rtol=1e-12)
 
 

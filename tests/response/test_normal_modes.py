@@ -1,6 +1,8 @@
 """Modes and frequency responses: chains in closed form, direct solution, and where each way of computing them ends."""
 
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms
@@ -228,6 +230,16 @@ def test_products_do_not_find_what_is_crowded():
     crowded = np.append(np.linspace(1, 1 + 1e-9, 20), np.linspace(2, 3, 280))
     with pytest.raises(Crowded):
         lowest_by_products(sparse.csr_array(sparse.diags_array(crowded)), 300, 4)
+
+
+@pytest.mark.parametrize('seed', [40, 56, 3])
+def test_products_leave_a_few_modes_far_below_the_others_to_factors_or_find_them(seed):
+    rng = np.random.default_rng(seed)  # the first two overflow in what may not grow
+    deep = -(10 ** rng.uniform(-1, 1.5, rng.integers(1, 5)))
+    squares = np.sort(np.append(deep, np.linspace(1, 9, 400) + rng.uniform(-0.01, 0.01, 400)))
+    count, K = int(rng.integers(1, 6)), sparse.csr_array(sparse.diags_array(squares))
+    with suppress(Crowded):
+        assert_allclose(lowest_by_products(K, len(squares), count)[0], squares[:count], atol=1e-9)
 
 
 def test_modes_that_were_missed_grow_in_a_random_vector(monkeypatch):

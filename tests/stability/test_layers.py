@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from ase import Atoms
 from ase.constraints import FixAtoms
 
 from magphonon import InversePower, MagneticRepulsion, lattices, relaxed, verdict
-from magphonon.interactions import UprightMagnets
+from magphonon.interactions import Spring, UprightMagnets
 
 LAW = InversePower(6000.0, 4.5824)
 
@@ -69,6 +70,18 @@ def test_below_the_threshold_a_layer_relaxes_to_a_zigzag_out_of_its_plane_and_ab
             moved = settled.copy()
             moved.calc = atoms.calc
             assert moved.get_potential_energy() < 0
+
+
+@pytest.mark.parametrize(('stiff', 'words'), [(50.0, 'if all supports were softer by 1 N/m'), (1e-3, 'needs supports along z of 200')])
+def test_what_needs_no_supports_is_told_of_supports_as_soft_as_the_softest(stiff, words):
+    """One particle hangs in stretched springs, another stands between two that repel it."""
+    layer = Atoms('H6', [[x, y, 0] for y in (0, 5) for x in (0, -1, 1)], masses=[1e-3] * 6, tags=[0, 0, 0, 1, 1, 1])
+    layer.set_constraint(FixAtoms([1, 2, 4, 5]))
+    supports = np.full((6, 3), [1.0, 1.0, 1e-3])
+    supports[3, 2] = stiff
+    laws = {(0, 0): Spring(1.0, 0.5), (1, 1): InversePower(0.1, 4.0), (0, 1): InversePower(0.1, 4.0)}
+    layer.calc = MagneticRepulsion(layer, laws, foundation=supports, bonds=[(0, 1), (0, 2), (3, 4), (3, 5)], dim=3)
+    assert words in str(verdict(layer))
 
 
 @pytest.mark.parametrize('seed', range(6))
