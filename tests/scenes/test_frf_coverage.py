@@ -17,14 +17,14 @@ A, MASS, DAMPING = 4.2, 8e-4, 6.0
 BENT = 3.2, 6.5  # the powers whose sum is a law that is none
 DISC = 2.5e-3, 3e-3, 1.3  # m, m, T
 PLACES = (0, 0), (0.01, 0), (-0.015, 0.017), (0, -0.017)  # m, of the drive and of three receivers
-KINDS = {  # lattice and patch, force in N (none: discs), springs along x and y in N/m, sites without a magnet
+KINDS = {  # lattice and patch, force in N (each half of a bent law), springs along x and y in N/m, sites without a magnet
     'triangular': ('triangular', 'kind = "hexagon"\nside_m = 0.04', 0.28, (20.0, 22.0), []),
     'bent': ('file', '', 0.28, (26.0, 22.0), []),  # a rhombic patch, whose rim is not symmetric
-    'kx unlike ky': ('triangular', 'kind = "hexagon"\nside_m = 0.04', None, (16.0, 28.0), []),
+    'kx unlike ky': ('triangular', 'kind = "hexagon"\nside_m = 0.04', 0.2, (16.0, 28.0), []),
     'holes': ('triangular', 'kind = "hexagon"\nside_m = 0.04', 0.12, (30.0, 30.0), [(0.015, 0.00866), (-0.02, 0.0)])}
 
 
-def specimen(folder, kind, seed, points=70, places=PLACES):
+def specimen(folder, kind, seed, points=70, places=PLACES, discs=False):
     """A scene that is some percent off, transfer functions of a patch, and the means of its free sites."""
     lattice, patch, force, springs, holes = KINDS[kind]
     rng = np.random.default_rng([seed, sum(map(ord, kind))])
@@ -35,10 +35,10 @@ def specimen(folder, kind, seed, points=70, places=PLACES):
         where = 'file = "sites.csv"\ncutoff_m = 0.12\npositions = "anchors"'
         np.savetxt(folder / 'sites.csv', np.c_[nodes, (abs(nodes) > 0.024).any(axis=1)], '%.17g', ',', header='x_m,y_m,held',
                    comments='')
-    table = (f'kind = "inverse_power"\nb_N_m_a = {force * off[0] * L ** (a * off[1])}\na = {a * off[1]}' if force else
+    table = (f'kind = "inverse_power"\nb_N_m_a = {force * off[0] * L ** (a * off[1])}\na = {a * off[1]}' if not discs else
              f'kind = "magnets"\nring = {{outer_diameter_m = {2 * DISC[0]}, height_m = {DISC[1]}}}\n'
              f'remanence_T = {DISC[2] * off[0]}')
-    shape = bench.disc_force(*DISC) if force is None else lambda r: force / 2 * sum((L / r) ** power for power in powers)
+    shape = bench.disc_force(*DISC) if discs else lambda r: force / 2 * sum((L / r) ** power for power in powers)
     (folder / 'lab.toml').write_text(
         f'title = "lab"\n[lattice]\nkind = "{lattice}"\n{where}\nmass_kg = {MASS}\n[law]\n{table}\n' +
         'shells = "auto"\n' * bool(patch) +
@@ -62,7 +62,7 @@ def specimen(folder, kind, seed, points=70, places=PLACES):
     free = ~lab.held
     true = float(law(L)[0]) * lab.strengths[free].mean() ** 2
     truth = dict(zip(('foundation_x', 'foundation_y'), lab.springs[free].mean(axis=0).tolist(), strict=True))
-    return scene, functions, truth | {'force': true, 'damping': DAMPING} | ({'a': a} if force else {})
+    return scene, functions, truth | {'force': true, 'damping': DAMPING} | ({} if discs else {'a': a})
 
 
 def errors_of(values, truth):
@@ -78,7 +78,7 @@ def test_sites_with_unknowns_hold_and_the_mean_lattice_does_not(kind, tmp_path):
     fit = fits.fits['complete']
     for name, (error, half) in errors_of(fits.values(), truth).items():
         assert abs(error) < 1.8 * half, name  # 3.5 standard deviations
-        assert half < 8
+        assert half < 6
     assert fit.misfit > 2
     assert fit.scatter == 1
     strengths, springs, anchors = fit.site_scatter
@@ -110,6 +110,7 @@ def of_one_spring(folder, kind, seed):
 @pytest.mark.parametrize(('kind', 'stiff'), [
     pytest.param('kx unlike ky', 'y', marks=pytest.mark.long), ('holes', None)])
 def test_two_springs_are_seen_by_a_fit_of_one(kind, stiff, tmp_path):
+    # With discs as magnets the first ends with springs that scatter by 59 %, and with a ratio of -0.50 +- 0.15; -0.56 is true.
     fits, true = of_one_spring(tmp_path, kind, 30)
     ratio, sigma = fits.fits['complete'].unlike
     assert abs(ratio - true) < 3.5 * sigma < 0.3
@@ -119,11 +120,11 @@ def test_two_springs_are_seen_by_a_fit_of_one(kind, stiff, tmp_path):
 
 @pytest.mark.long
 def test_coverage(tmp_path, capsys):
-    """Shares of intervals that hold, of 24 specimens; the control is a lattice of nearest neighbours."""
+    """Shares of intervals that hold, of 24 specimens, six of discs; the control is a lattice of nearest neighbours."""
     found = {}
     for seed in range(10, 16):
         for kind in KINDS:
-            scene, functions, truth = specimen(tmp_path, kind, seed)
+            scene, functions, truth = specimen(tmp_path, kind, seed, discs=kind == 'kx unlike ky')
             fits = fit_frf(scene, functions)
             values, fit = errors_of(fits.values(), truth), fits.fits['complete']
             assert not fits.contradicted
@@ -139,7 +140,7 @@ def test_coverage(tmp_path, capsys):
             shares.append(np.mean(abs(error) < half))
             print(f'{name}: {np.sum(abs(error) < half)} of {len(error)} hold, half width {np.median(half):.2f} %, 1.96 rms error '
                   f'{1.96 * np.sqrt(np.mean(error**2)):.2f} %')
-    assert np.mean(shares) >= 0.9
+    assert np.mean(shares) >= 0.9  # 106 of 114 hold; 41 of 48 of the springs, whose intervals are a quarter too narrow
     _, functions, truth = specimen(tmp_path, 'triangular', 10)
     (tmp_path / 'near.toml').write_text((tmp_path / 'lab.toml').read_text().replace('shells = "auto"', 'shells = 1'))
     control = fit_frf(read_scene(tmp_path / 'near.toml'), functions)
