@@ -195,9 +195,8 @@ class Rest:
         system = LinearSystem.of(atoms).moving()
         calc = system.calc
         springs, rods = np.broadcast_to(calc.foundation, (len(system), calc.dim)), system.atoms.arrays.get(RODS, 0.0)
-        if np.ndim(rods) > 1 or not ((rods >= 0) & (rods <= system.masses)).all():
-            raise ValueError(f'atoms.arrays[{RODS!r}] must be the moving mass of the rod of each site in g, not below zero nor '
-                             'above the mass of the site, which includes it')
+        if np.ndim(rods) > 1 or not np.all(rods >= 0):
+            raise ValueError(f'atoms.arrays[{RODS!r}] must be the moving mass of the rod of each site in g, zero or more')
         return cls(Frame(calc.bonds, system.free, calc.dim), calc.bond_vectors, calc.interaction, springs,
                    np.broadcast_to(calc.spring_forces, springs.shape), system.masses, calc.model,
                    rods=rods)

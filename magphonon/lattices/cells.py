@@ -17,14 +17,15 @@ def _square(points, p, q):
     return (points[q, 0] - points[p, 0]) ** 2 + (points[q, 1] - points[p, 1]) ** 2 + (points[q, 2] - points[p, 2]) ** 2
 
 
-def _kept(function):
+def kept(function):
+    """Compile a function, and keep the result on disk if numba finds a folder that it may write to."""
     try:
         return njit(cache=True, error_model='numpy', nogil=True)(function)
-    except RuntimeError:  # numba finds no folder that it may write to
+    except RuntimeError:
         return njit(error_model='numpy', nogil=True)(function)
 
 
-@_kept
+@kept
 def _in_cells(points, n, reach, low, sides, i, j):
     """Fill i and j with the pairs, as far as there is room, and return their number."""
     own, first = np.empty(len(points), np.int64), np.zeros(sides[0] * sides[1] * sides[2] + 1, np.int64)

@@ -10,7 +10,7 @@ from ase.constraints import FixAtoms
 from hypothesis import example, given, settings, strategies as st
 from oracles import LATTICES, lattice, neighbour_vectors
 
-from magphonon.lattices import bonds as of_bonds, find_bonds
+from magphonon.lattices import bonds as of_bonds, cells, find_bonds
 from magphonon.lattices.bonds import Bonds, bonds_within, explicit_bonds, repeat_bonds
 from magphonon.lattices.patches import parallelogram
 
@@ -295,3 +295,14 @@ def test_a_free_particle_on_a_held_one_is_refused():
     atoms.set_constraint(FixAtoms([0, 1]))
     with pytest.raises(ValueError, match='coincide'):
         find_bonds(atoms)
+
+
+def test_pairs_are_found_where_nothing_can_be_compiled_or_kept(monkeypatch):
+    def refuse(self):
+        raise PermissionError('read-only')
+
+    monkeypatch.setattr('numba.core.caching._CacheLocator.ensure_cache_path', refuse)
+    assert cells.kept(lambda x: 2 * x)(3) == 6
+    assert of_bonds.compiling_pays(1)  # numba is loaded
+    monkeypatch.setenv('NUMBA_DISABLE_JIT', '1')
+    assert not of_bonds.compiling_pays(10**6)

@@ -72,7 +72,8 @@ def test_below_the_threshold_a_layer_relaxes_to_a_zigzag_out_of_its_plane_and_ab
             assert moved.get_potential_energy() < 0
 
 
-@pytest.mark.parametrize(('stiff', 'words'), [(50.0, 'if all supports were softer by 1 N/m'), (1e-3, 'needs supports along z of 200')])
+@pytest.mark.parametrize(('stiff', 'words'),
+                         [(50.0, 'if all supports were softer by 1 N/m'), (1e-3, 'needs supports along z of 200')])
 def test_what_needs_no_supports_is_told_of_supports_as_soft_as_the_softest(stiff, words):
     """One particle hangs in stretched springs, another stands between two that repel it."""
     layer = Atoms('H6', [[x, y, 0] for y in (0, 5) for x in (0, -1, 1)], masses=[1e-3] * 6, tags=[0, 0, 0, 1, 1, 1])

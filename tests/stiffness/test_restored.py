@@ -111,6 +111,9 @@ def test_what_is_no_calculator_is_refused(tmp_path):
         AllNeighbours.fromdict(calc.todict())
     with pytest.raises(ValueError, match='lacks anchors'):
         MagneticRepulsion.fromdict({key: value for key, value in calc.todict().items() if key != 'anchors'})
+    for i in ([-1, 0, 0], [0, 0, 1], [0]):
+        with pytest.raises(ValueError, match='must have pairs i, j of the 1 particles'):
+            MagneticRepulsion.fromdict(calc.todict() | {'bonds': calc.todict()['bonds'] | {'i': i}})
     ase.io.write(tmp_path / 'bare.traj', cell)
     for bare in (cell, ase.io.read(tmp_path / 'bare.traj'), Atoms('H')):
         with pytest.raises(ValueError, match='written without a calculator of magphonon'):
