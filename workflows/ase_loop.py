@@ -20,7 +20,7 @@ from .oscillator import oscillator
 from .rows import Check, Reported
 
 SHARES = 0.8, 1.0, 1.2  # of the natural frequency: below, at and above the resonance
-DT = 0.2 * units.ms  # an error of 4e-4 beside the 1e-3 that is allowed
+DT = 0.15 * units.ms
 FORCE = 0.7 * units.N  # moves the magnet by 4e-4 L0: ASE's constraints rebuild momenta from positions, which costs digits
 SAME = 1e-6             # of the largest displacement: both loops do the same steps, up to round-off
 
