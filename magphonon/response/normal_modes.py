@@ -29,7 +29,8 @@ MOST_TURNING = 1500  # the same limit with gyroscopic forces: matrices are compl
 LOWEST = 60  # number of the lowest modes of a larger patch
 BY_PRODUCTS = 40000
 """Number of free directions from which products with K find modes sooner than its factors, if its bonds lie on a grid: three
-times as soon at 200 000, in a quarter of the memory."""
+times as soon at 200 000, in a quarter of the memory.  In a periodic structure many waves have the same frequency, which takes
+products eight times as long."""
 
 EQUAL = 1e-11  # difference of squared frequencies, as a fraction of the largest entry of K, up to which they are equal
 WELL = 0.37  # about a third, but no ratio that symmetry can produce, because round-off would then decide
@@ -94,7 +95,7 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
 
 def _lowest(system, count):
     """The lowest squared frequencies and their eigenvectors, by products with K where these are cheap, or else by its factors."""
-    if system.directions >= BY_PRODUCTS:
+    if system.directions >= BY_PRODUCTS and not system.atoms.pbc.any():
         from .chebyshev import Crowded, Matrix, lowest_by_products, products_of
 
         if not isinstance(K := products_of(system), Matrix):
