@@ -50,7 +50,7 @@ def shaken_on_rods(atoms, force, omega, damping, rods):
     """Displacements in mm, shape (particles, 2), for a force: rods with these moving masses in g are such cantilevers."""
     n, free = len(atoms), np.setdiff1d(np.arange(len(atoms)), atoms.constraints[0].index)
     free = np.sort([*2 * free, *2 * free + 1])
-    H = np.reshape(atoms.calc.get_hessian(atoms), (n, 3, n, 3))[:, :2, :, :2].reshape(2 * n, 2 * n)
+    H = np.reshape(atoms.calc.get_hessian(atoms).toarray(), (n, 3, n, 3))[:, :2, :, :2].reshape(2 * n, 2 * n)
     k = np.broadcast_to(atoms.calc.foundation, (n, 2))
     x = 3 * 140 / 33 * rods[:, None] * omega**2 / k
     G = H + np.diag((k * (cantilever(x) - 1 + 33 / 420 * x)
