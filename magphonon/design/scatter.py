@@ -198,8 +198,7 @@ class Rest:
         if np.ndim(rods) > 1 or not np.all(rods >= 0):
             raise ValueError(f'atoms.arrays[{RODS!r}] must be the moving mass of the rod of each site in g, zero or more')
         return cls(Frame(calc.bonds, system.free, calc.dim), calc.bond_vectors, calc.interaction, springs,
-                   np.broadcast_to(calc.spring_forces, springs.shape), system.masses, calc.model,
-                   rods=rods)
+                   np.broadcast_to(calc.spring_forces, springs.shape), system.masses, calc.model, rods=rods)
 
     def once(self, key: Any, compute: Callable[[], Any]) -> Any:
         """The stored result for `key`; `compute` runs only the first time."""

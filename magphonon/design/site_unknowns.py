@@ -88,7 +88,7 @@ class Sites:
         acting, stiff = system.mobile.copy(), calc.bond_sizes[1]
         for one, other in ((calc.bonds.i, calc.bonds.j), (calc.bonds.j, calc.bonds.i)):
             acting[one[system.mobile[other] & (stiff > FAINT * stiff.max())]] = True
-        return cls(acting, tied, float(calc.bonds.lengths.min()))
+        return cls(acting, tied, calc.bonds.shortest)
 
     @property
     def ends(self) -> list[int]:
