@@ -25,7 +25,7 @@ from ..traits import LINEAR, takes
 from .bond_increments import RANGES, TOLERANCE, Increments
 from .cages import Cages
 from .drives import Constant, constant_push, forces_and_walls
-from .memory_layout import LINE, aligned_zeros, arrange, runs_of
+from .memory_layout import LINE, RUN, aligned_zeros, arrange, runs_of
 from .splittings import SPLITTINGS, Splitting
 
 LAW_SHARE = 0.1
@@ -307,9 +307,7 @@ class Blocks:
             return rows
 
         self._at_bonds = each
-        longest = int(np.ptp(self._runs, axis=1).max())
-        room = longest * (1 + -(-self._pad // longest))
-        self._pulls = [aligned_zeros((count if ends == 1 else 1, self.calc.dim, room), dtype) for _ in self._parts[1:]]
+        self._pulls = [aligned_zeros((self.calc.dim, RUN), dtype) for _ in self._parts[1:]]
         of, q, g = self._first if self._alike else np.s_[:], (self.calc.model == 'complete') / law.r0**2, law.g
         S = 2 * layout.R[of].T / law.r0[kind[of]] ** 2
         if self._alike:
@@ -430,17 +428,13 @@ class Blocks:
             course = self._walls.forces(np.append(times[1:], times[-1]))
             led = self._some(self._walls.particles, components(course, self.calc.dim))
         self._spare[:2] = self._state[:2]
-        u, v, w = map(tuple, self._spare)
-        bonds, sites = self._given
+        (u, v, w), (bonds, sites), terms = map(tuple, self._spare), self._given, (None,) * len(self._law)  # pyright: ignore
         parts = list(zip(self._parts, self._parts[1:], strict=False))
-        if alone := len(parts) == 1 and self.layout.offset is not None:
-            w = u  # no slot is read after it has moved
-        columns, terms = (None,) * len(bonds.near) * (bonds.near.ndim == 1), (None,) * len(self._law)  # pyright: ignore
         flow, reach = self._flow_of(len(times)), self._dtype(RANGES[self._level])
 
         def work(me, part, some, whole):
-            return stages(u, w, v, self._pulls[me], bonds, self._law, columns, terms, sites, flow, reach, self._runs,
-                          part, np.uint64(self._pad), pushed, guided, led, some, whole)
+            return stages(u, w, v, tuple(self._pulls[me]), bonds, self._law, terms, sites, flow, reach, self._runs,
+                          part, pushed, guided, led, some, whole)
 
         if len(parts) == 1:
             beyond = work(0, parts[0], (0, len(times)), True)
@@ -450,7 +444,7 @@ class Blocks:
                 now = [(n, n + 1)] * len(parts), [False] * len(parts)
                 beyond |= any(list(self._pool.map(work, range(len(parts)), parts, *now)))
                 work(0, (0, 0), (n, n + 1), True)
-        if len(times) % 2 and not alone:
+        if len(times) % 2:
             self._spare[0] = self._spare[2]
         return beyond
 

@@ -148,10 +148,8 @@ def _bits(x):
     return lambda x: np.float64(x).view(np.int64)
 
 
-def piece(u, w, v, h, bonds, c, columns, terms, sites, row, keep, kick, drift, reach, lo, hi, base, own):
-    """Do a stage for the slots from lo to hi, or only their bonds if they are not `own`; returns whether an increment is beyond
-    the reach of the law.
-    """
+def piece(u, w, v, h, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi):
+    """Do a stage for the slots from lo to hi; returns whether an increment is beyond the reach of the law."""
 
 
 def there(kind):
@@ -159,64 +157,49 @@ def there(kind):
     return not isinstance(kind, types.NoneType)
 
 
-def bond(axes, bonds, c, terms):
-    """The lines of text that name what belongs to the column n, and those that compute the force p of its bond of the slot i."""
-    near, S, *_, strength = bonds
-    at, of_law = '[i]' * (S.ndim == 3), '[i]' * (c.ndim == 3)
-    s = 's[i] * ' * there(strength)
-    quotient = reduce(lambda higher, m: f'({higher} * e + c{m}{of_law})', reversed(range(terms - 1)), f'c{terms - 1}{of_law}')
-    named = ['o, q, g = near[n], bonds.q[n], bonds.g[n]', *['s = bonds.strength[n]'] * there(strength),
-             *(f'S{x} = bonds.S[{x}, n]' for x in axes), 'm = min(n, len(c[zero]) - 1)',
-             *(f'c{m} = c[{m}, m]' for m in range(terms))]
-    return named, [f'j = {"i + o" if near.ndim == 1 else "o[i]"}', *(f'd{x} = {s * (not at)}(u{x}[j] - x{x})' for x in axes),
-                   f'e = {" + ".join(f"(S{x}{at} + q{at} * d{x}) * d{x}" for x in axes)}', f'W = {s * bool(at)}e * {quotient}',
-                   f'G = g{at} + (q{at} + q{at}) * W', *(f'p{x} = W * S{x}{at} + G * d{x}' for x in axes),
-                   'top = max(top, bits(abs(e)))']
-
-
-def kicked(axes, turns):
-    """The lines of text that kick and drift."""
-    lines = [f'a{x} = keep * C[row, i] * v{x}[i] + kick * P[row, i] * f{x}' for x in axes]
-    if turns:
-        lines = ['cr, ci, pr, pi = keep * C[row, i], keep * T[0, row, i], kick * P[row, i], kick * T[1, row, i]',
-                 'a0 = cr * v0[i] - ci * v1[i] + (pr * f0 - pi * f1)', 'a1 = cr * v1[i] + ci * v0[i] + (pr * f1 + pi * f0)']
-    return [*lines, *(f'v{x}[i] = a{x}; w{x}[i] = x{x} + drift * a{x}' for x in axes)]
-
-
 def over_slots(*lines):
     """The loop of text that runs these lines for each slot i."""
     return ['for i in range(lo, hi):', *(f'    {line}' for line in lines)]
 
 
-def bond_by_bond(axes, grid, here, on_site, pulls):
-    """The lines of text that keep the forces of bonds in h: of each column on a grid; else their sum, with that of the site."""
-    named, computed = pulls
-    start = [] if grid else over_slots(here, *on_site, *(f'h[zero, {x}, i - base] = f{x}' for x in axes))
-    named = named + [f'h{x} = h[{"n" if grid else "zero"}, {x}]' for x in axes]
-    column = named + over_slots(here, *computed, *(f'h{x}[i - base] {"-" * (not grid)}= p{x}' for x in axes))
-    end = ['if not own:', '    return top > bits(reach)'] * grid
-    return [*start, 'for n in range(len(near)):', *(f'    {line}' for line in column), *end]
+def pulled(axes, bonds, c, terms, back):
+    """The lines of text that subtract from h the pull of a bond of the slot i: to its neighbour, or back from i to a lower slot b."""
+    near, S, *_, strength = bonds
+    own = 'b' if back else 'i'
+    at, of_law = f'[{own}]' * (S.ndim == 3), f'[{own}]' * (c.ndim == 3)
+    s = f's[{own}] * ' * there(strength)
+    quotient = reduce(lambda higher, m: f'({higher} * e + c{m}{of_law})', reversed(range(terms - 1)), f'c{terms - 1}{of_law}')
+    if back:
+        found = ['b = i - o', *(f'd{x} = {s * (not at)}(u{x}[i] - u{x}[b])' for x in axes)]
+    else:
+        found = [f'j = {"i + o" if near.ndim == 1 else "o[i]"}', *(f'd{x} = {s * (not at)}(u{x}[j] - u{x}[i])' for x in axes)]
+    return [*found, f'e = {" + ".join(f"(S{x}{at} + q{at} * d{x}) * d{x}" for x in axes)}', f'W = {s * bool(at)}e * {quotient}',
+            f'G = g{at} + (q{at} + q{at}) * W', *(f'h{x}[i - lo] {"-+"[back]}= W * S{x}{at} + G * d{x}' for x in axes),
+            *['top = max(top, bits(abs(e)))'] * (not back)]
 
 
-def summed(axes, columns, on_site):
-    """The lines of text that sum the forces on a slot: on a grid each column leads to it and away from it."""
-    if not columns:
-        return [f'f{x} = h[zero, {x}, i - base]' for x in axes]
-    kept_at = 'h[{0}, {1}, i - base - near[{0}]] - h[{0}, {1}, i - base]'.format
-    return on_site + [f'f{x} += {kept_at(n, x)}' for n in range(columns) for x in axes]
+def kicked(axes, turns):
+    """The lines of text that kick and drift."""
+    lines = [f'a{x} = keep * C[row, i] * v{x}[i] + kick * P[row, i] * h{x}[i - lo]' for x in axes]
+    if turns:
+        lines = ['cr, ci, pr, pi = keep * C[row, i], keep * T[0, row, i], kick * P[row, i], kick * T[1, row, i]',
+                 'a0 = cr * v0[i] - ci * v1[i] + (pr * h0[i - lo] - pi * h1[i - lo])',
+                 'a1 = cr * v1[i] + ci * v0[i] + (pr * h1[i - lo] + pi * h0[i - lo])']
+    return [*lines, *(f'v{x}[i] = a{x}; w{x}[i] = u{x}[i] + drift * a{x}' for x in axes)]
 
 
 @overload(piece, jit_options=FAST)
-def _piece(u, w, v, h, bonds, c, columns, terms, sites, row, keep, kick, drift, reach, lo, hi, base, own):
-    axes, grid, loaded, turns = range(len(u)), len(columns) > 0, there(sites.types[1]), there(sites.types[4])
-    here = '; '.join(f'x{x} = u{x}[i]' for x in axes)
-    on_site = [f'f{x} = {f"l[{x}, i] " * loaded}-k[{x}, i] * x{x}' for x in axes]
-    names = ['near = bonds.near', 'k, l, C, P, T = sites', *(f'{y}{x} = {y}[{x}]' for y in 'uwv' for x in axes),
-             'zero = lo - lo', 'none = drift - drift', 'top = bits(none)']
-    forces = bond_by_bond(axes, grid, here, on_site, bond(axes, bonds.types, c, len(terms)))
-    moved = over_slots(here, *summed(axes, len(columns), on_site), *kicked(axes, turns))
-    arguments = 'u, w, v, h, bonds, c, columns, terms, sites, row, keep, kick, drift, reach, lo, hi, base, own'
-    text = '\n    '.join([f'def piece({arguments}):', 'vectorise()', *names, *forces, *moved, 'return top > bits(reach)'])
+def _piece(u, w, v, h, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi):
+    axes, (near, _, _, _, strength), loaded, turns = range(len(u)), bonds.types, there(sites.types[1]), there(sites.types[4])
+    names = ['near = bonds.near', 'k, l, C, P, T = sites', *(f'{y}{x} = {y}[{x}]' for y in 'uwvh' for x in axes),
+             'none = drift - drift', 'top = bits(none)']
+    on_site = over_slots(*(f'h{x}[i - lo] = {f"l[{x}, i] " * loaded}-k[{x}, i] * u{x}[i]' for x in axes))
+    column = ['o, q, g = near[n], bonds.q[n], bonds.g[n]', *['s = bonds.strength[n]'] * there(strength),
+              *(f'S{x} = bonds.S[{x}, n]' for x in axes), f'm = min(n, len(c[0]) - 1)', *(f'c{m} = c[{m}, m]' for m in range(len(terms)))]
+    pulls = [line for back in range(1 + (near.ndim == 1)) for line in pulled(axes, bonds.types, c, len(terms), back)]
+    text = '\n    '.join(['def piece(u, w, v, h, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi):', 'vectorise()',
+                          *names, *on_site, 'for n in range(len(near)):', *(f'    {line}' for line in column + over_slots(*pulls)),
+                          *over_slots(*kicked(axes, turns)), 'return top > bits(reach)'])
     return written_out(text, 'piece', vectorise=vectorise, bits=bits)
 
 
@@ -241,46 +224,20 @@ def correct(u, w, v, kick, drift, n, pushed, guided, led):
             w[x][led.slots[m]] = led.values[n, m, x]
 
 
-@njit(no_cpython_wrapper=True, **OPTIONS)
-def first_run(runs, part, pad):
-    """The run from which on forces are needed for the runs from part[0] on: bonds come from slots up to `pad` before."""
-    start = part[0]
-    while 0 < start < part[1] and runs[start - 1, 1] + pad > runs[part[0], 0]:
-        start -= 1
-    return start
-
-
-@njit(no_cpython_wrapper=True, **OPTIONS)
-def to_the_front(h, pad, lo, end, base, zero):
-    """Move the last forces before the slot `lo` to the front of h, which begins at `base`; from a gap after `end` come none."""
-    for k in range(h.shape[0]):
-        for x in range(h.shape[1]):
-            for m in range(pad):
-                h[k, x, m] = h[k, x, m + lo - pad - base] if m + lo < end + pad else zero
-    return lo - pad
-
-
 @kept
-def stages(u, w, v, h, bonds, c, columns, terms, sites, flow, reach, runs, part, pad, pushed, guided, led, some, whole):
+def stages(u, w, v, h, bonds, c, terms, sites, flow, reach, runs, part, pushed, guided, led, some, whole):
     """Do the stages from some[0] to some[1] of a block, for the runs from part[0] to part[1]; then `correct` if these are all.
 
     Returns whether an increment was beyond the reach of the law.  Stages of even numbers leave displacements in w, others in u.
     """
-    beyond, start = False, first_run(runs, part, pad)
+    beyond = False
     if some[0] % 2:
         u, w = w, u
     for n in range(some[0], some[1]):
         keep, kick, drift = flow[n, 0], flow[n, 1], flow[n, 2]
         row = np.uint64((n > 0) + (n == len(flow) - 1))
-        base, end = runs[start, 0] - pad, runs[start, 0]
-        h[:, :, :pad] = reach - reach
-        for p in range(start, part[1]):
-            lo, hi = runs[p, 0], runs[p, 1]
-            if lo > end or hi - base > h.shape[2]:
-                base = to_the_front(h, pad, lo, end, base, reach - reach)
-            end = hi
-            own = p >= part[0]
-            beyond |= piece(u, w, v, h, bonds, c, columns, terms, sites, row, keep, kick, drift, reach, lo, hi, base, own)
+        for p in range(part[0], part[1]):
+            beyond |= piece(u, w, v, h, bonds, c, terms, sites, row, keep, kick, drift, reach, runs[p, 0], runs[p, 1])
         if whole:
             correct(u, w, v, kick, drift, n, pushed, guided, led)
         u, w = w, u
