@@ -307,7 +307,7 @@ class Blocks:
             return rows
 
         self._at_bonds = each
-        self._pulls = [aligned_zeros((self.calc.dim, RUN), dtype) for _ in self._parts[1:]]
+        self._pulls = [aligned_zeros((2, self.calc.dim, RUN + self._pad), dtype) for _ in self._parts[1:]]
         of, q, g = self._first if self._alike else np.s_[:], (self.calc.model == 'complete') / law.r0**2, law.g
         S = 2 * layout.R[of].T / law.r0[kind[of]] ** 2
         if self._alike:
@@ -433,7 +433,7 @@ class Blocks:
         flow, reach = self._flow_of(len(times)), self._dtype(RANGES[self._level])
 
         def work(me, part, some, whole):
-            return stages(u, w, v, tuple(self._pulls[me]), bonds, self._law, terms, sites, flow, reach, self._runs,
+            return stages(u, w, v, *(tuple(x) for x in self._pulls[me]), bonds, self._law, terms, sites, flow, reach, self._runs,
                           part, pushed, guided, led, some, whole)
 
         if len(parts) == 1:

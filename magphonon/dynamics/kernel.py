@@ -148,7 +148,7 @@ def _bits(x):
     return lambda x: np.float64(x).view(np.int64)
 
 
-def piece(u, w, v, h, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi):
+def piece(u, w, v, h, r, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi):
     """Do a stage for the slots from lo to hi; returns whether an increment is beyond the reach of the law."""
 
 
@@ -157,25 +157,20 @@ def there(kind):
     return not isinstance(kind, types.NoneType)
 
 
-def over_slots(*lines):
+def over_slots(*lines, start='lo'):
     """The loop of text that runs these lines for each slot i."""
-    return ['for i in range(lo, hi):', *(f'    {line}' for line in lines)]
+    return [f'for i in range({start}, hi):', *(f'    {line}' for line in lines)]
 
 
-def pulled(axes, bonds, c, terms, back):
-    """The lines of text that subtract from h the pull of a bond of the slot i: to its neighbour, or back from i to a lower slot b."""
+def pull(axes, bonds, c, terms):
+    """The lines of text that compute the force p of the bond of the slot i in a column."""
     near, S, *_, strength = bonds
-    own = 'b' if back else 'i'
-    at, of_law = f'[{own}]' * (S.ndim == 3), f'[{own}]' * (c.ndim == 3)
-    s = f's[{own}] * ' * there(strength)
+    at, of_law, s = '[i]' * (S.ndim == 3), '[i]' * (c.ndim == 3), 's[i] * ' * there(strength)
     quotient = reduce(lambda higher, m: f'({higher} * e + c{m}{of_law})', reversed(range(terms - 1)), f'c{terms - 1}{of_law}')
-    if back:
-        found = ['b = i - o', *(f'd{x} = {s * (not at)}(u{x}[i] - u{x}[b])' for x in axes)]
-    else:
-        found = [f'j = {"i + o" if near.ndim == 1 else "o[i]"}', *(f'd{x} = {s * (not at)}(u{x}[j] - u{x}[i])' for x in axes)]
-    return [*found, f'e = {" + ".join(f"(S{x}{at} + q{at} * d{x}) * d{x}" for x in axes)}', f'W = {s * bool(at)}e * {quotient}',
-            f'G = g{at} + (q{at} + q{at}) * W', *(f'h{x}[i - lo] {"-+"[back]}= W * S{x}{at} + G * d{x}' for x in axes),
-            *['top = max(top, bits(abs(e)))'] * (not back)]
+    return [f'j = {"i + o" if near.ndim == 1 else "o[i]"}', *(f'd{x} = {s * (not at)}(u{x}[j] - u{x}[i])' for x in axes),
+            f'e = {" + ".join(f"(S{x}{at} + q{at} * d{x}) * d{x}" for x in axes)}', f'W = {s * bool(at)}e * {quotient}',
+            f'G = g{at} + (q{at} + q{at}) * W', 'top = max(top, bits(abs(e)))',
+            *(f'p{x} = W * S{x}{at} + G * d{x}' for x in axes)]
 
 
 def kicked(axes, turns):
@@ -189,16 +184,21 @@ def kicked(axes, turns):
 
 
 @overload(piece, jit_options=FAST)
-def _piece(u, w, v, h, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi):
-    axes, (near, _, _, _, strength), loaded, turns = range(len(u)), bonds.types, there(sites.types[1]), there(sites.types[4])
-    names = ['near = bonds.near', 'k, l, C, P, T = sites', *(f'{y}{x} = {y}[{x}]' for y in 'uwvh' for x in axes),
+def _piece(u, w, v, h, r, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi):
+    axes, (near, *_, strength), loaded, turns = range(len(u)), bonds.types, there(sites.types[1]), there(sites.types[4])
+    names = ['near = bonds.near', 'k, l, C, P, T = sites', *(f'{y}{x} = {y}[{x}]' for y in 'uwvhr' for x in axes),
              'none = drift - drift', 'top = bits(none)']
     on_site = over_slots(*(f'h{x}[i - lo] = {f"l[{x}, i] " * loaded}-k[{x}, i] * u{x}[i]' for x in axes))
     column = ['o, q, g = near[n], bonds.q[n], bonds.g[n]', *['s = bonds.strength[n]'] * there(strength),
               *(f'S{x} = bonds.S[{x}, n]' for x in axes), f'm = min(n, len(c[0]) - 1)', *(f'c{m} = c[{m}, m]' for m in range(len(terms)))]
-    pulls = [line for back in range(1 + (near.ndim == 1)) for line in pulled(axes, bonds.types, c, len(terms), back)]
-    text = '\n    '.join(['def piece(u, w, v, h, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi):', 'vectorise()',
-                          *names, *on_site, 'for n in range(len(near)):', *(f'    {line}' for line in column + over_slots(*pulls)),
+    force = pull(axes, bonds.types, c, len(terms))
+    if near.ndim == 1:
+        column += over_slots(*force, *(f'r{x}[i + o - lo] = p{x}' for x in axes), start='lo - o')
+        column += over_slots(*(f'h{x}[i - lo] += r{x}[i - lo] - r{x}[i + o - lo]' for x in axes))
+    else:
+        column += over_slots(*force, *(f'h{x}[i - lo] -= p{x}' for x in axes))
+    text = '\n    '.join(['def piece(u, w, v, h, r, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi):', 'vectorise()',
+                          *names, *on_site, 'for n in range(len(near)):', *(f'    {line}' for line in column),
                           *over_slots(*kicked(axes, turns)), 'return top > bits(reach)'])
     return written_out(text, 'piece', vectorise=vectorise, bits=bits)
 
@@ -225,7 +225,7 @@ def correct(u, w, v, kick, drift, n, pushed, guided, led):
 
 
 @kept
-def stages(u, w, v, h, bonds, c, terms, sites, flow, reach, runs, part, pushed, guided, led, some, whole):
+def stages(u, w, v, h, r, bonds, c, terms, sites, flow, reach, runs, part, pushed, guided, led, some, whole):
     """Do the stages from some[0] to some[1] of a block, for the runs from part[0] to part[1]; then `correct` if these are all.
 
     Returns whether an increment was beyond the reach of the law.  Stages of even numbers leave displacements in w, others in u.
@@ -237,7 +237,7 @@ def stages(u, w, v, h, bonds, c, terms, sites, flow, reach, runs, part, pushed, 
         keep, kick, drift = flow[n, 0], flow[n, 1], flow[n, 2]
         row = np.uint64((n > 0) + (n == len(flow) - 1))
         for p in range(part[0], part[1]):
-            beyond |= piece(u, w, v, h, bonds, c, terms, sites, row, keep, kick, drift, reach, runs[p, 0], runs[p, 1])
+            beyond |= piece(u, w, v, h, r, bonds, c, terms, sites, row, keep, kick, drift, reach, runs[p, 0], runs[p, 1])
         if whole:
             correct(u, w, v, kick, drift, n, pushed, guided, led)
         u, w = w, u
