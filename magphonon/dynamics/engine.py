@@ -250,7 +250,9 @@ class Blocks:
         self._pad = 0 if layout.offset is None else int(layout.offset.max() + -layout.offset.max() % LINE)
         self._at, self._wide = layout.slot + self._pad, layout.length + self._pad + 3 * LINE
         self._runs = runs_of(self._at).astype(np.uint64)
-        self._parts = np.linspace(0, len(self._runs), max(1, min(threads, len(self._runs))) + 1).astype(int)
+        borders = np.linspace(0, len(self._runs), max(1, min(threads, len(self._runs))) + 1).astype(int)
+        before = np.searchsorted(self._runs[:, 1] + np.uint64(self._pad), self._runs[borders[:-1], 0], side='right')
+        self._parts = list(zip(before.tolist(), borders[:-1].tolist(), borders[1:].tolist(), strict=True))
         size, directions = np.linalg.eigh(self._barred)
         away = size > 0.5  # a projector has the eigenvalues 0 and 1
         self._normals = np.repeat(self._guided, away.sum(axis=1)), directions.transpose(0, 2, 1)[away][None]
@@ -307,7 +309,7 @@ class Blocks:
             return rows
 
         self._at_bonds = each
-        self._pulls = [aligned_zeros((2, self.calc.dim, RUN + self._pad), dtype) for _ in self._parts[1:]]
+        self._pulls = [[tuple(aligned_zeros((self.calc.dim, n), dtype)) for n in (self._wide, RUN)] for _ in self._parts]
         of, q, g = self._first if self._alike else np.s_[:], (self.calc.model == 'complete') / law.r0**2, law.g
         S = 2 * layout.R[of].T / law.r0[kind[of]] ** 2
         if self._alike:
@@ -429,11 +431,13 @@ class Blocks:
             led = self._some(self._walls.particles, components(course, self.calc.dim))
         self._spare[:2] = self._state[:2]
         (u, v, w), (bonds, sites), terms = map(tuple, self._spare), self._given, (None,) * len(self._law)  # pyright: ignore
-        parts = list(zip(self._parts, self._parts[1:], strict=False))
+        parts = self._parts
+        if alone := len(parts) == 1 and self.layout.offset is not None:
+            w = u  # no slot is read after it has moved
         flow, reach = self._flow_of(len(times)), self._dtype(RANGES[self._level])
 
         def work(me, part, some, whole):
-            return stages(u, w, v, *(tuple(x) for x in self._pulls[me]), bonds, self._law, terms, sites, flow, reach, self._runs,
+            return stages(u, w, v, *self._pulls[me], bonds, self._law, terms, sites, flow, reach, self._runs,
                           part, pushed, guided, led, some, whole)
 
         if len(parts) == 1:
@@ -443,8 +447,8 @@ class Blocks:
             for n in range(len(times)):
                 now = [(n, n + 1)] * len(parts), [False] * len(parts)
                 beyond |= any(list(self._pool.map(work, range(len(parts)), parts, *now)))
-                work(0, (0, 0), (n, n + 1), True)
-        if len(times) % 2:
+                work(0, (0, 0, 0), (n, n + 1), True)
+        if len(times) % 2 and not alone:
             self._spare[0] = self._spare[2]
         return beyond
 

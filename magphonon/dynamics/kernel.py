@@ -148,7 +148,7 @@ def _bits(x):
     return lambda x: np.float64(x).view(np.int64)
 
 
-def piece(u, w, v, h, r, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi):
+def piece(u, w, v, h, r, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi, own):
     """Do a stage for the slots from lo to hi; returns whether an increment is beyond the reach of the law."""
 
 
@@ -157,9 +157,9 @@ def there(kind):
     return not isinstance(kind, types.NoneType)
 
 
-def over_slots(*lines, start='lo'):
+def over_slots(*lines):
     """The loop of text that runs these lines for each slot i."""
-    return [f'for i in range({start}, hi):', *(f'    {line}' for line in lines)]
+    return ['for i in range(lo, hi):', *(f'    {line}' for line in lines)]
 
 
 def pull(axes, bonds, c, terms):
@@ -175,31 +175,31 @@ def pull(axes, bonds, c, terms):
 
 def kicked(axes, turns):
     """The lines of text that kick and drift."""
-    lines = [f'a{x} = keep * C[row, i] * v{x}[i] + kick * P[row, i] * h{x}[i - lo]' for x in axes]
+    lines = [f'a{x} = keep * C[row, i] * v{x}[i] + kick * P[row, i] * f{x}' for x in axes]
     if turns:
         lines = ['cr, ci, pr, pi = keep * C[row, i], keep * T[0, row, i], kick * P[row, i], kick * T[1, row, i]',
-                 'a0 = cr * v0[i] - ci * v1[i] + (pr * h0[i - lo] - pi * h1[i - lo])',
-                 'a1 = cr * v1[i] + ci * v0[i] + (pr * h1[i - lo] + pi * h0[i - lo])']
+                 'a0 = cr * v0[i] - ci * v1[i] + (pr * f0 - pi * f1)',
+                 'a1 = cr * v1[i] + ci * v0[i] + (pr * f1 + pi * f0)']
     return [*lines, *(f'v{x}[i] = a{x}; w{x}[i] = u{x}[i] + drift * a{x}' for x in axes)]
 
 
 @overload(piece, jit_options=FAST)
-def _piece(u, w, v, h, r, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi):
+def _piece(u, w, v, h, r, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi, own):
     axes, (near, *_, strength), loaded, turns = range(len(u)), bonds.types, there(sites.types[1]), there(sites.types[4])
     names = ['near = bonds.near', 'k, l, C, P, T = sites', *(f'{y}{x} = {y}[{x}]' for y in 'uwvhr' for x in axes),
              'none = drift - drift', 'top = bits(none)']
-    on_site = over_slots(*(f'h{x}[i - lo] = {f"l[{x}, i] " * loaded}-k[{x}, i] * u{x}[i]' for x in axes))
+    here = [f'f{x} = h{x}[i] {f"+ l[{x}, i] " * loaded}- k[{x}, i] * u{x}[i]; h{x}[i] = none' for x in axes]
     column = ['o, q, g = near[n], bonds.q[n], bonds.g[n]', *['s = bonds.strength[n]'] * there(strength),
               *(f'S{x} = bonds.S[{x}, n]' for x in axes), f'm = min(n, len(c[0]) - 1)', *(f'c{m} = c[{m}, m]' for m in range(len(terms)))]
     force = pull(axes, bonds.types, c, len(terms))
+    force += [f'h{x}[i] -= p{x}' for x in axes]
     if near.ndim == 1:
-        column += over_slots(*force, *(f'r{x}[i + o - lo] = p{x}' for x in axes), start='lo - o')
-        column += over_slots(*(f'h{x}[i - lo] += r{x}[i - lo] - r{x}[i + o - lo]' for x in axes))
+        column += over_slots(*force, *(f'r{x}[i - lo] = p{x}' for x in axes)) + over_slots(*(f'h{x}[i + o] += r{x}[i - lo]' for x in axes))
     else:
-        column += over_slots(*force, *(f'h{x}[i - lo] -= p{x}' for x in axes))
-    text = '\n    '.join(['def piece(u, w, v, h, r, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi):', 'vectorise()',
-                          *names, *on_site, 'for n in range(len(near)):', *(f'    {line}' for line in column),
-                          *over_slots(*kicked(axes, turns)), 'return top > bits(reach)'])
+        column += over_slots(*force)
+    text = '\n    '.join(['def piece(u, w, v, h, r, bonds, c, terms, sites, row, keep, kick, drift, reach, lo, hi, own):', 'vectorise()',
+                          *names, 'for n in range(len(near)):', *(f'    {line}' for line in column),
+                          'if own:', *(f'    {line}' for line in over_slots(*here, *kicked(axes, turns))), 'return top > bits(reach)'])
     return written_out(text, 'piece', vectorise=vectorise, bits=bits)
 
 
@@ -236,8 +236,9 @@ def stages(u, w, v, h, r, bonds, c, terms, sites, flow, reach, runs, part, pushe
     for n in range(some[0], some[1]):
         keep, kick, drift = flow[n, 0], flow[n, 1], flow[n, 2]
         row = np.uint64((n > 0) + (n == len(flow) - 1))
-        for p in range(part[0], part[1]):
-            beyond |= piece(u, w, v, h, r, bonds, c, terms, sites, row, keep, kick, drift, reach, runs[p, 0], runs[p, 1])
+        for p in range(part[0], part[2]):
+            own = p >= part[1]
+            beyond |= piece(u, w, v, h, r, bonds, c, terms, sites, row, keep, kick, drift, reach, runs[p, 0], runs[p, 1], own)
         if whole:
             correct(u, w, v, kick, drift, n, pushed, guided, led)
         u, w = w, u
