@@ -374,6 +374,8 @@ class Blocks:
                     c = law.polynomial(RANGES[level], max(TOLERANCE, LAW_SHARE * self._rough))
             if c is not None:
                 c *= law.r0**2 / 2
+                if self._factors is not None:
+                    c = np.repeat(c, len(self._given[0].near), axis=1)
                 c = c.astype(self._dtype) if self._alike or self._factors is not None else self._at_bonds(c[:, self._kind])
             self._laws[level] = c
         self._level, self._law = level, self._laws[level]
@@ -430,14 +432,15 @@ class Blocks:
             course = self._walls.forces(np.append(times[1:], times[-1]))
             led = self._some(self._walls.particles, components(course, self.calc.dim))
         self._spare[:2] = self._state[:2]
-        (u, v, w), (bonds, sites), terms = map(tuple, self._spare), self._given, (None,) * len(self._law)  # pyright: ignore
+        (u, v, w), (bonds, sites) = map(tuple, self._spare), self._given
+        bonds = bonds._replace(c=tuple(self._law))  # pyright: ignore[reportArgumentType]  there is one
         parts = self._parts
         if alone := len(parts) == 1 and self.layout.offset is not None:
             w = u  # no slot is read after it has moved
         flow, reach = self._flow_of(len(times)), self._dtype(RANGES[self._level])
 
         def work(me, part, some, whole):
-            return stages(u, w, v, *self._pulls[me], bonds, self._law, terms, sites, flow, reach, self._runs,
+            return stages(u, w, v, *self._pulls[me], bonds, sites, flow, reach, self._runs,
                           part, pushed, guided, led, some, whole)
 
         if len(parts) == 1:
