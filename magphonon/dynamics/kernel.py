@@ -16,8 +16,9 @@ fixed borders, since what vector units leave over is rounded differently: result
 threads, each of which has its own runs, and evaluates the bonds that lead into them from the runs before.
 
 `piece` is written out as text for the types of its arguments: loops over coefficients and dimensions are unrolled, and what few
-structures have is left out of the code of the others.  Each of these types takes seconds to compile, so they are few.  The text contains no literal numbers (`R + R` instead of `2 * R`), whose type would convert all others
-to double precision.  Indices are unsigned, as numba checks signed ones for -1, which keeps loops out of vector units.
+structures have is left out of the code of the others.  Each of these types takes seconds to compile, so they are few.  The text
+contains no literal numbers (`R + R` instead of `2 * R`), whose type would convert all others to double precision.  Indices are
+unsigned, as numba checks signed ones for -1, which keeps loops out of vector units.
 """
 
 from __future__ import annotations
@@ -129,17 +130,6 @@ class Sites(NamedTuple):
     turns: np.ndarray | None
 
 
-class Some(NamedTuple):
-    """Some slots, and numbers of each.
-
-    These are changes of velocities by unit kicks in mm/ms or places of walls in mm, shape (stages, slots, dim), or directions
-    that are barred to guided particles, shape (1, slots, dim).
-    """
-
-    slots: np.ndarray
-    values: np.ndarray
-
-
 def bits(x):
     """The bits of x, which is not negative, as an integer: these sort like x, and vector units can compute their maximum."""
 
@@ -209,23 +199,27 @@ def _piece(u, w, v, h, r, bonds, sites, flow, row, reach, lo, hi, own):
 
 @njit(no_cpython_wrapper=True, **OPTIONS)
 def correct(u, w, v, kick, drift, n, pushed, guided, led):
-    """Push driven particles in the stage n, take from guided ones what is barred, and move the walls."""
-    for m in range(len(pushed.slots)):
-        i = pushed.slots[m]
+    """Push driven particles in the stage n, take from guided ones what is barred, and move the walls.
+
+    Each are slots and numbers of theirs: changes of velocities by unit kicks in mm/ms and places of walls in mm, shape (stages,
+    slots, dim), and barred directions, shape (1, slots, dim).
+    """
+    (slots, changes), (rails, barred), (walls, places) = pushed, guided, led
+    for m in range(len(slots)):
         for x in range(len(u)):
-            change = kick * pushed.values[n, m, x]
-            v[x][i] += change
-            w[x][i] += drift * change
-    for m in range(len(guided.slots)):
-        i, barred, along = guided.slots[m], guided.values[0, m], drift - drift
+            change = kick * changes[n, m, x]
+            v[x][slots[m]] += change
+            w[x][slots[m]] += drift * change
+    for m in range(len(rails)):
+        along = drift - drift
         for x in range(len(u)):
-            along += barred[x] * v[x][i]
+            along += barred[0, m, x] * v[x][rails[m]]
         for x in range(len(u)):
-            v[x][i] -= along * barred[x]
-            w[x][i] -= drift * (along * barred[x])
-    for m in range(len(led.slots)):
+            v[x][rails[m]] -= along * barred[0, m, x]
+            w[x][rails[m]] -= drift * (along * barred[0, m, x])
+    for m in range(len(walls)):
         for x in range(len(u)):
-            w[x][led.slots[m]] = led.values[n, m, x]
+            w[x][walls[m]] = places[n, m, x]
 
 
 @kept
