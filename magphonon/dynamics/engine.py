@@ -267,7 +267,7 @@ class Blocks:
 
     def _put(self, values):
         """Values of the slots, shape (..., slots), zero in empty ones, from those of the particles, shape (particles, ...)."""
-        slots = aligned_zeros((*values.shape[1:], self._wide), values.dtype)
+        slots = aligned_zeros((*values.shape[1:], self._wide), self._dtype)
         slots[..., self._at] = np.moveaxis(values, 0, -1)
         return slots
 
@@ -319,26 +319,22 @@ class Blocks:
         """What acts on the slots, for the kernel."""
         from .kernel import Sites
 
-        def put(values):
-            """Values of the particles, shape (particles, ...), in their slots."""
-            return self._put(np.asarray(values).astype(self._dtype))
-
         d, mobility = self._half[:, None], self._mobile / self._masses[:, None]
         decay, self._push = np.hstack([d, d * d, d]), np.hstack([1 + 0 * d, (1 + d * d) / 2, d]) * mobility
-        turns = put(np.imag(np.stack([decay, self._push], axis=1))) if np.iscomplexobj(d) else None
-        return Sites(put(np.broadcast_to(self.calc.foundation, (len(d), self.calc.dim))),
-                     None if self._load is None else put(self._load), put(np.real(decay)), put(np.real(self._push)), turns)
+        turns = self._put(np.stack([decay, self._push], axis=1).imag) if np.iscomplexobj(d) else None
+        springs = np.broadcast_to(self.calc.foundation, (len(d), self.calc.dim))
+        load = None if self._load is None else self._put(self._load)
+        return Sites(self._put(springs), load, self._put(decay.real), self._put(self._push.real), turns)
 
     def _flow_of(self, stages):
         """Factors (keep, kick, drift) of the stages of a block, in which the last kick of a step and the next share one."""
-        if stages in self._flows:
-            return self._flows[stages]
-        h, one = self.dt, self._splitting
-        drifts, damped = one.flow(h, self._rate)
-        kicks = h * np.array([*one.kicks[1:-1], one.kicks[-1] + one.kicks[0]])
-        between = np.tile(np.column_stack([damped, kicks, np.roll(drifts, -1)]), (stages // len(drifts), 1))
-        first, last = [1.0, h * one.kicks[0], drifts[0]], [damped[-1], h * one.kicks[-1], 0.0]
-        self._flows[stages] = np.vstack([first, between[: stages - 2], last]).astype(self._dtype)
+        if stages not in self._flows:
+            h, one = self.dt, self._splitting
+            drifts, damped = one.flow(h, self._rate)
+            kicks = h * np.array([*one.kicks[1:-1], one.kicks[-1] + one.kicks[0]])
+            between = np.tile(np.column_stack([damped, kicks, np.roll(drifts, -1)]), (stages // len(drifts), 1))
+            first, last = [1.0, h * one.kicks[0], drifts[0]], [damped[-1], h * one.kicks[-1], 0.0]
+            self._flows[stages] = np.vstack([first, between[: stages - 2], last]).astype(self._dtype)
         return self._flows[stages]
 
     def use(self, rough: float = 0.0) -> None:
@@ -352,7 +348,7 @@ class Blocks:
             self._pulls = [[tuple(aligned_zeros((self.calc.dim, n), self._dtype)) for n in (self._wide, RUN)]
                            for _ in self._parts]
             nothing = np.zeros(0, int), np.zeros((1, 0, self.calc.dim))
-            self._special = self._some(*nothing), self._some(*self._normals), self._some(*nothing)
+            self._special = [self._some(*of) for of in (nothing, self._normals, nothing)]
             if self._state.dtype != self._dtype:
                 before, (self._state, self._spare) = self._state, aligned_zeros((2, *self._state.shape), self._dtype)
                 self._state[:] = before
@@ -424,25 +420,21 @@ class Blocks:
             course = self._walls.forces(np.append(times[1:], times[-1]))
             led = self._some(self._walls.particles, components(course, self.calc.dim))
         self._spare[:2] = self._state[:2]
-        (u, v, w), (bonds, sites) = map(tuple, self._spare), self._given
+        (u, v, w), (bonds, sites), parts = map(tuple, self._spare), self._given, self._parts
         bonds = bonds._replace(c=self._law)
-        parts = self._parts
         if alone := len(parts) == 1 and self.layout.offset is not None:
             w = u  # no slot is read after it has moved
         flow, reach = self._flow_of(len(times)), self._dtype(RANGES[self._level])
 
-        def work(me, part, some, whole):
-            return stages(u, w, v, *self._pulls[me], bonds, sites, flow, reach, self._runs,
-                          part, pushed, guided, led, some, whole)
+        def work(pulls, part, some):
+            return stages(u, w, v, *pulls, bonds, sites, flow, reach, self._runs, part, pushed, guided, led, some)
 
         if len(parts) == 1:
-            beyond = work(0, parts[0], (0, len(times)), True)
+            beyond = work(self._pulls[0], parts[0], (0, len(times)))
         else:
-            self._pool, beyond = self._pool or ThreadPoolExecutor(len(parts)), False
-            for n in range(len(times)):
-                now = [(n, n + 1)] * len(parts), [False] * len(parts)
-                beyond |= any(list(self._pool.map(work, range(len(parts)), parts, *now)))
-                work(0, (0, 0, 0), (n, n + 1), True)
+            self._pool = self._pool or ThreadPoolExecutor(len(parts))
+            together = [list(self._pool.map(work, self._pulls, parts, [(n, n + 1)] * len(parts))) for n in range(len(times))]
+            beyond = any(map(any, together))
         if len(times) % 2 and not alone:
             self._spare[0] = self._spare[2]
         return beyond
@@ -489,12 +481,12 @@ class Blocks:
 
     def _read(self):
         dim, u = self.calc.dim, self.calc.displacements(self.atoms)
-        anchors = np.subtract(self.atoms.positions.T[:dim], u.T, order='C')
+        self._anchors = np.subtract(self.atoms.positions.T[:dim], u.T, order='C')
         v = self._mobile * self.atoms.get_momenta()[:, :dim] / self._masses[:, None]
         v[self._guided] -= np.einsum('gxy,gy->gx', self._barred, v[self._guided])
         dtype = np.float64 if self._law is None else self._dtype
         self._state, self._spare = aligned_zeros((2, 3, dim, self._wide), dtype)
-        self._state[0], self._state[1], self._anchors = self._put(u.astype(dtype)), self._put(v.astype(dtype)), anchors
+        self._state[0][:, self._at], self._state[1][:, self._at] = u.T, v.T
         self._spare[:] = self._state  # displacements, velocities, and room for other displacements
         self._extent = [np.sqrt(dim) * largest(x) for x in (u, v)]  # bounds of the largest displacement and speed
         level = int(np.searchsorted(RANGES, self._strain(u)))  # no kernel is made for less, as compiling takes its time

@@ -198,34 +198,34 @@ def _piece(u, w, v, h, r, bonds, sites, flow, row, reach, lo, hi, own):
 
 
 @njit(no_cpython_wrapper=True, **OPTIONS)
-def correct(u, w, v, kick, drift, n, pushed, guided, led):
-    """Push driven particles in the stage n, take from guided ones what is barred, and move the walls.
+def correct(u, w, v, kick, drift, n, lo, hi, pushed, guided, led):
+    """Push driven particles in the stage n, take from guided ones what is barred, and move the walls, in the slots from lo to hi.
 
     Each are slots and numbers of theirs: changes of velocities by unit kicks in mm/ms and places of walls in mm, shape (stages,
     slots, dim), and barred directions, shape (1, slots, dim).
     """
     (slots, changes), (rails, barred), (walls, places) = pushed, guided, led
     for m in range(len(slots)):
-        for x in range(len(u)):
+        for x in range(len(u) * (lo <= slots[m] < hi)):
             change = kick * changes[n, m, x]
             v[x][slots[m]] += change
             w[x][slots[m]] += drift * change
     for m in range(len(rails)):
-        along = drift - drift
-        for x in range(len(u)):
-            along += barred[0, m, x] * v[x][rails[m]]
-        for x in range(len(u)):
-            v[x][rails[m]] -= along * barred[0, m, x]
-            w[x][rails[m]] -= drift * (along * barred[0, m, x])
+        if lo <= rails[m] < hi:
+            along = drift - drift
+            for x in range(len(u)):
+                along += barred[0, m, x] * v[x][rails[m]]
+            for x in range(len(u)):
+                v[x][rails[m]] -= along * barred[0, m, x]
+                w[x][rails[m]] -= drift * (along * barred[0, m, x])
     for m in range(len(walls)):
-        for x in range(len(u)):
+        for x in range(len(u) * (lo <= walls[m] < hi)):
             w[x][walls[m]] = places[n, m, x]
 
 
 @kept
-def stages(u, w, v, h, r, bonds, sites, flow, reach, runs, part, pushed, guided, led, some, whole):
-    """Do the stages from some[0] to some[1] of a block, for the runs from part[1] to part[2], into which bonds lead from those
-    from part[0] on; then `correct` if these are all.
+def stages(u, w, v, h, r, bonds, sites, flow, reach, runs, part, pushed, guided, led, some):
+    """Do the stages from some[0] to some[1] of a block in the runs from part[1] to part[2], into which bonds lead from part[0] on.
 
     Returns whether an increment was beyond the reach of the law.  Stages of even numbers leave displacements in w, others in u.
     """
@@ -236,7 +236,6 @@ def stages(u, w, v, h, r, bonds, sites, flow, reach, runs, part, pushed, guided,
         now, row = (flow[n, 0], flow[n, 1], flow[n, 2]), np.uint64((n > 0) + (n == len(flow) - 1))
         for p in range(part[0], part[2]):
             beyond |= piece(u, w, v, h, r, bonds, sites, now, row, reach, runs[p, 0], runs[p, 1], p >= part[1])
-        if whole:
-            correct(u, w, v, now[1], now[2], n, pushed, guided, led)
+        correct(u, w, v, now[1], now[2], n, runs[part[1], 0], runs[part[2] - 1, 1], pushed, guided, led)
         u, w = w, u
     return beyond

@@ -105,10 +105,10 @@ def _grid(slot, bond, i, j, R):
     i, j = (slot[end].astype(np.int32) for end in (i, j))
     if (backward := j < i).any():
         i, j, R = np.where(backward, j, i), np.where(backward, i, j), np.where(backward[:, None], -R, R)
-    offset = np.unique(j - i).astype(int)
+    offset = np.flatnonzero(np.bincount(j - i))
     if len(offset) * len(slot) > GRID_COST * len(i) or not offset[0]:
         return None
-    column = np.searchsorted(offset, j - i)
+    column = np.cumsum(np.isin(np.arange(offset[-1] + 1), offset))[j - i] - 1
     if np.bincount(column * (slot.max() + 1) + i).max() > 1:
         return None
     ends = int(offset[-1]) + -int(offset[-1]) % LINE
@@ -125,13 +125,14 @@ def _sites_found(X, i, j, R):
         steps = np.rint(R @ np.linalg.inv(np.array(base)))
         if np.linalg.matrix_rank(steps.T @ steps) < X.shape[1]:
             return None
-        base = np.linalg.lstsq(steps, R, rcond=None)[0]
+        base = np.linalg.solve(steps.T @ steps, steps.T @ R)
     if (lengths_of(R - steps @ base) > OFF_PLACE * r.min()).any():
         return None
     places = _places(X, base)
     if places is None or (places[j] - places[i] != steps).any():
         return None
-    return min((_numbered(places @ skew, steps @ skew) for skew in _skews(X.shape[1])), key=lambda sites: sites.max())
+    places, steps = np.ascontiguousarray(places.T), np.ascontiguousarray(steps.T)  # in long rows, whose maxima are found fast
+    return min((_numbered(skew @ places, skew @ steps) for skew in _skews(X.shape[1])), key=lambda sites: sites.max())
 
 
 def _skews(dim):
@@ -158,19 +159,20 @@ def _places(X, base):
     """Numbers of base vectors from an origin to each particle, after the base is fitted to all; None if it becomes flat."""
     places = np.rint((X - X[0]) @ np.linalg.inv(base))
     for _ in range(2):
-        fit = np.linalg.lstsq(np.column_stack([places, np.ones(len(X))]), X, rcond=None)[0]
-        if np.linalg.matrix_rank(fit[:-1]) < X.shape[1]:
+        ones = np.column_stack([places, np.ones(len(X))])
+        if np.linalg.matrix_rank(ones.T @ ones) <= X.shape[1]:
             return None
+        fit = np.linalg.solve(ones.T @ ones, ones.T @ X)
         places = np.rint((X - fit[-1]) @ np.linalg.inv(fit[:-1]))
     return places
 
 
 def _numbered(places, steps):
     """Places numbered along the shortest side first, with gaps so that bonds of equal steps have equal differences of numbers."""
-    places = (places - places.min(axis=0)).astype(int)
-    order = np.argsort(places.max(axis=0))
-    widths = (places.max(axis=0) + 1 + abs(steps).max(axis=0).astype(int))[order]
-    return places[:, order] @ np.append(1, np.cumprod(widths)[:-1])
+    places = (places - places.min(axis=1)[:, None]).astype(int)
+    order = np.argsort(places.max(axis=1))
+    widths = (places.max(axis=1) + 1 + abs(steps).max(axis=1).astype(int))[order]
+    return np.append(1, np.cumprod(widths)[:-1]) @ places[order]
 
 
 def runs_of(slot: NDArray[np.int_]) -> NDArray[np.int_]:
