@@ -27,7 +27,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from ase import Atoms
 from numpy.typing import NDArray
-from scipy import linalg, sparse
+from scipy import sparse
+from scipy.linalg import lapack
 
 from ..lattices.bonds import Bonds, lengths_of
 from ..response.normal_modes import Modes, modes
@@ -45,6 +46,7 @@ REGULAR = 1e-12
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
 ROUND_OFF = 1e-13  # of forces that cancel
 STEP = 1e-20  # relative size of a complex step: no difference is taken, so it may be as small as numbers allow
+BLOCK = 64  # columns that LAPACK factors at once
 CROSSING = 1e-9
 """Difference of two squared frequencies, as a fraction of the highest, below which their modes are arbitrary."""
 
@@ -86,13 +88,13 @@ def form(bonds: Bonds, x: NDArray[Any], y: NDArray[Any], inertia: Any, q: NDArra
     """
     ex, ey = _elongations(bonds, x, None if q is None else -q), _elongations(bonds, y, q)
     xy = x * y
-    return Slope(ex @ ey.swapaxes(1, 2), xy.sum(2), (inertia * xy.sum(1)).sum(1))
+    return Slope(np.moveaxis((ex[:, :, None] * ey[:, None]).sum(0), -1, 0), xy.sum(2), (inertia * xy.sum(1)).sum(1))
 
 
 def _elongations(bonds, x, q):
-    """Relative displacements `C(q) x` in the bonds, shape (bonds, dim, waves), from x of shape (particles, dim, waves)."""
-    ends = x[bonds.j]
-    return (ends if q is None else np.exp(2j * np.pi * (bonds.shift @ q))[:, None, None] * ends) - x[bonds.i]
+    """Relative displacements `C(q) x` in the bonds, shape (waves, dim, bonds), from x of shape (particles, dim, waves)."""
+    ends = x.T.take(bonds.j, -1)
+    return (ends if q is None else np.exp(2j * np.pi * (bonds.shift @ q)) * ends) - x.T.take(bonds.i, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,16 +114,39 @@ class Frame:
     dim: int
 
     @cached_property
+    def _stretch(self):
+        """C for displacements particle by particle and bond vectors with the bonds last in memory."""
+        of_axes = sparse.csc_array(sparse.kron(sparse.eye_array(self.dim), self.bonds.incidence))
+        return sparse.csr_array(of_axes[:, np.arange(self.free.shape[0]).reshape(self.dim, -1).T.ravel()])
+
+    @cached_property
     def _transposed(self):
-        return sparse.csr_array(self.bonds.incidence.T), sparse.csr_array(self.free.T)
+        return sparse.csr_array(self._stretch.T), sparse.csr_array(self.free.T)
+
+    @cached_property
+    def _assembly(self):
+        """The sparse matrix that makes the entries of `hessian` from those of K, with the bonds last, and of the springs."""
+        size, axes = self.free.shape[0], np.arange(self.dim)[:, None]
+        i, j = (self.dim * ends + axes for ends in (self.bonds.i, self.bonds.j))
+        rows = [(size * one[:, None] + other).ravel() for one, other in ((i, i), (j, j), (i, j), (j, i))]
+        each, every = np.arange(len(rows[0])), np.arange(size)
+        signs = np.repeat([1.0, -1.0, 1.0], [2 * len(each), 2 * len(each), size])
+        entries = np.concatenate([*rows, (size + 1) * every]), np.concatenate([*[each] * 4, len(each) + every])
+        whole = sparse.csr_array((signs, entries), shape=(size**2, len(each) + size))
+        return sparse.csr_array(sparse.kron(self.free.T, self.free.T) @ whole)
+
+    @cached_property
+    def shares(self) -> sparse.csr_array:
+        """Share of each displacement in the free directions, shape (free, particles * dim)."""
+        return sparse.csr_array(self.free.power(2).T)
 
     def stretch(self, u: NDArray[Any]) -> NDArray[Any]:
         """`C u`: changes of the bond vectors, shape (bonds, dim), from displacements, shape (particles, dim)."""
-        return self.bonds.incidence @ u
+        return (self._stretch @ u.ravel()).reshape(self.dim, -1).T
 
     def gather(self, pulls: NDArray[Any]) -> NDArray[Any]:
         """`C^T f`: forces on the particles from those in the bonds."""
-        return self._transposed[0] @ pulls
+        return (self._transposed[0] @ pulls.T.ravel()).reshape(-1, self.dim)
 
     def along(self, forces: NDArray[Any]) -> NDArray[Any]:
         """`P^T f`: forces along the free directions, shape (free,)."""
@@ -131,23 +156,9 @@ class Frame:
         """`P y`: displacements, shape (particles, dim), from those along the free directions."""
         return (self.free @ y).reshape(-1, self.dim)
 
-    def within(self, H: NDArray[Any]) -> NDArray[Any]:
-        """`P^T H P` of a dense matrix."""
-        return self._transposed[1] @ (self._transposed[1] @ H).T
-
     def hessian(self, K: NDArray[np.float64], springs: NDArray[np.float64]) -> NDArray[np.float64]:
         """`P^T (C^T K C + k) P`, as a dense matrix: where each of a hundred particles repels fifty others it is nearly full."""
-        n, dim, bonds = len(springs), self.dim, self.bonds
-        pairs, H, each = bonds.i * n + bonds.j, np.zeros((n, dim, n, dim)), np.arange(n)
-        for x in range(dim):
-            for y in range(x, dim):
-                off = np.bincount(pairs, K[:, x, y], n * n).reshape(n, n)
-                off += off.T
-                H[:, x, :, y] -= off
-                H[each, x, each, y] += off.sum(1)
-                H[:, y, :, x] = H[:, x, :, y]
-            H[each, x, each, x] += springs[:, x]
-        return self.within(H.reshape(n * dim, -1))
+        return (self._assembly @ np.concatenate([K.T.ravel(), springs.ravel()])).reshape(self.free.shape[1], -1)
 
 
 @dataclass(eq=False)
@@ -222,13 +233,14 @@ class Rest:
         if law is None:
             return np.stack([stiffness_change(R, axis + 0 * R, self.interaction, self.model) for axis in axes], axis=-1)
         r = lengths_of(R)
-        n, A, dA = R / r[:, None], law.d2phi(r), np.imag(law.d2phi(r + 1j * STEP * r)) / (STEP * r)
+        n, stretched = R.T / r, law.d2phi(r + 1j * STEP * r)
+        A, dA = np.real(stretched), np.imag(stretched) / (STEP * r)
         B = law.dphi(r) / r * (self.model == 'complete')
         dB = (A - B) / r * (self.model == 'complete')
-        nn = np.einsum('bx,by->bxy', n, n)
-        P = axes - nn
-        Pn = np.einsum('b,bxz,by->bxyz', (A - B) / r, P, n)
-        return np.einsum('bxy,bz->bxyz', (dA * nn.T + dB * P.T).T, n) + Pn + Pn.swapaxes(1, 2)
+        nn = n[:, None] * n
+        P = axes[..., None] - nn
+        Pn = (A - B) / r * P[:, None] * n[:, None]
+        return np.moveaxis((dA * nn + dB * P)[:, :, None] * n + Pn + Pn.swapaxes(0, 1), -1, 0)
 
     @cached_property
     def stiffness(self) -> NDArray[np.float64]:
@@ -242,12 +254,12 @@ class Rest:
         if law is None:
             return self.interaction.forces(self.R)[1]
         r = lengths_of(self.R)
-        return (law.dphi(r) / r)[:, None] * self.R
+        return (law.dphi(r) / r * self.R.T).T
 
     @cached_property
     def inertia(self) -> NDArray[np.float64]:
         """Mass along each free direction in g."""
-        return self.frame.free.power(2).T @ np.repeat(self.masses, self.frame.dim)
+        return self.frame.shares @ np.repeat(self.masses, self.frame.dim)
 
     @cached_property
     def spectrum(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -261,10 +273,13 @@ class Rest:
 
         Both have the shape (particles, dim).  A stiffer rod is a thicker one: its mass goes with the root of its stiffness k.
         """
-        m = np.broadcast_to(self.rods, len(self.springs))[:, None] / RAYLEIGH
-        x = np.divide(3 * m * omega**2, self.springs, where=self.springs > 0, out=np.zeros(self.springs.shape))
-        excess, slope = self.once(('rods', omega), lambda: cantilever_excess(x))
-        return excess, excess - slope / 2
+        def beyond():
+            m = np.broadcast_to(self.rods, len(self.springs))[:, None] / RAYLEIGH
+            x = np.divide(3 * m * omega**2, self.springs, where=self.springs > 0, out=np.zeros(self.springs.shape))
+            excess, slope = cantilever_excess(x)
+            return excess, excess - slope / 2
+
+        return self.once(('rods', omega), beyond)
 
     def response(self, force: NDArray[Any], omega: float, damping: float) -> NDArray[np.complex128]:
         """Displacements for a harmonic force on each particle, both of shape (particles, dim), in mm.
@@ -272,11 +287,11 @@ class Rest:
         Rods are cantilevers: their stiffness depends on the frequency.
         """
         def solver():
-            G = self.stiffness.astype(complex, order='F')
-            beyond = self.frame.free.power(2).T @ (self.springs * self.excess(omega)[0]).ravel()
+            G = self.stiffness.T.astype(complex)  # symmetric: as LAPACK has it in memory
+            beyond = self.frame.shares @ (self.springs * self.excess(omega)[0]).ravel()
             G[np.diag_indices(len(G))] += (1j * omega * damping - omega**2) * self.inertia + beyond
-            lu, pivots, _ = linalg.lapack.zgetrf(G, overwrite_a=True)  # pyright: ignore[reportAttributeAccessIssue]  not in stubs
-            return lambda F: linalg.lapack.zgetrs(lu, pivots, F)[0]  # pyright: ignore[reportAttributeAccessIssue]
+            factor, pivots, _ = lapack.zsytrf(G, lower=True, lwork=BLOCK * len(G), overwrite_a=True)
+            return lambda F: lapack.zsytrs(factor, pivots, F, lower=True)[0]
 
         return self.frame.spread(self.once((omega, damping), solver)(self.frame.along(force) + 0j))
 
@@ -308,7 +323,7 @@ def site_slopes(rest: Rest, slope: Slope, at_rest: bool = False) -> dict[str, An
     if not at_rest and abs(along).max() > ROUND_OFF * abs(push).max():  # else nothing moves, by symmetry
         w = frame.spread(rest.statics(along))
         e = frame.stretch(w)
-        left = on - frame.gather((rest.K('complete') @ e[..., None])[..., 0]) - rest.springs * w
+        left = on - frame.gather(np.einsum('bxy,by->bx', rest.K('complete'), e)) - rest.springs * w
         foot = rest.springs * w + left - frame.spread(frame.along(left))
         each = each - (rest.pull * e).sum(1)
     strengths = np.zeros(len(on), each.dtype)
