@@ -128,12 +128,10 @@ class Frame:
         """The sparse matrix that makes the entries of `hessian` from those of K, with the bonds last, and of the springs."""
         size, axes = self.free.shape[0], np.arange(self.dim)[:, None]
         i, j = (self.dim * ends + axes for ends in (self.bonds.i, self.bonds.j))
-        rows = [(size * one[:, None] + other).ravel() for one, other in ((i, i), (j, j), (i, j), (j, i))]
-        each, every = np.arange(len(rows[0])), np.arange(size)
-        signs = np.repeat([1.0, -1.0, 1.0], [2 * len(each), 2 * len(each), size])
-        entries = np.concatenate([*rows, (size + 1) * every]), np.concatenate([*[each] * 4, len(each) + every])
-        whole = sparse.csr_array((signs, entries), shape=(size**2, len(each) + size))
-        return sparse.csr_array(sparse.kron(self.free.T, self.free.T) @ whole)
+        entries = [(size * one[:, None] + other).ravel() for one, other in ((i, i), (j, j), (i, j), (j, i))]
+        ii, jj, ij, ji, each = (sparse.csr_array((np.ones(len(one)), (one, np.arange(len(one)))), shape=(size**2, len(one)))
+                                for one in (*entries, (size + 1) * np.arange(size)))
+        return sparse.csr_array(sparse.kron(self.free.T, self.free.T) @ sparse.hstack([ii + jj - ij - ji, each]))
 
     @cached_property
     def shares(self) -> sparse.csr_array:
@@ -288,8 +286,8 @@ class Rest:
         """
         def solver():
             G = self.stiffness.T.astype(complex)  # symmetric: as LAPACK has it in memory
-            beyond = self.frame.shares @ (self.springs * self.excess(omega)[0]).ravel()
-            G[np.diag_indices(len(G))] += (1j * omega * damping - omega**2) * self.inertia + beyond
+            beyond = self.springs * self.excess(omega)[0] + (1j * omega * damping - omega**2) * self.masses[:, None]
+            G[np.diag_indices(len(G))] += self.frame.shares @ beyond.ravel()
             factor, pivots, _ = lapack.zsytrf(G, lower=True, lwork=BLOCK * len(G), overwrite_a=True)
             return lambda F: lapack.zsytrs(factor, pivots, F, lower=True)[0]
 

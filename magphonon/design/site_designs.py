@@ -43,8 +43,8 @@ of the mass; and displacements of the foot in mm."""
 ADDED = 'foot', 'exponent'  # fields of Parts that add up; all others are factors
 COMMON = 6  # errors of a whole copy
 NEWTONS, LONGEST = 40, 0.05  # most steps to rest, and the longest one, in shortest bonds
-SETTLED = 1e-12  # last one of Newton's steps to rest, in shortest bonds
-CHORDS, CLOSE = 12, 1e-8  # most steps with the factors of a rest nearby, which shrink in proportion, and what the last leaves
+SETTLED = 1e-12  # what the last of Newton's steps to rest leaves at most, in shortest bonds: steps shrink by more each time
+CHORDS, CLOSE = 12, 1e-8  # most steps with the factors of a rest nearby, and what the last of these leaves
 IN_STEPS = 4  # steps in which the parts are brought on where Newton's method alone finds no stable rest
 RESTARTS = 3  # of L-BFGS-B, after it met designs that buckle
 FIRST = 0.05  # standard deviation of the parameters at a start, of half the width of their bounds
@@ -206,14 +206,14 @@ class Structure:
     def _rest(self, parts, near, model):
         frame, at = self.frame, self._with(parts, model)
         rest, chord = (at(np.zeros(self.shape)), None) if near is None else (at(near.bent), near.solve)
-        size = 0.0
+        size = SETTLED
         for steps in range(NEWTONS):
             force = frame.along(frame.gather(rest.pull) - rest.spring_forces - self.load)
             solve = chord if chord and steps < CHORDS else _newton(rest)
             step = frame.spread(solve(force))
             last, size = size, abs(step).max() / self.kept
             rest = at(rest.bent - step * min(1, LONGEST / max(size, SETTLED)))
-            if not (size * min(1, size / (last or size or 1.0)) > CLOSE if solve is chord else size > SETTLED):
+            if not size * min(1, size / last) > (CLOSE if solve is chord else SETTLED):
                 break
         else:
             raise Unstable('no equilibrium is found near the first positions: the structure buckles or slides')
@@ -239,8 +239,8 @@ class Structure:
     def _waves_hold(self, rest):
         """Whether the waves of a periodic cell with q = 0 or 1/2 along each vector are stable."""
         edges = [*product(*((0.0, 0.5) if along else (0.0,) for along in self.atoms.pbc))][1:]
-        P = self.frame.free
-        return all(_cholesky((P.T @ hessian(rest.frame.bonds, rest.K('complete'), rest.springs, q) @ P).toarray()) for q in edges)
+        matrices = (hessian(rest.frame.bonds, rest.K('complete'), rest.springs, q) for q in edges)
+        return all(_cholesky((self.frame.free.T @ H @ self.frame.free).toarray()) for H in matrices)
 
     def refuse_strangers(self, rest: Rest, parts: Parts) -> None:
         """Raise ValueError if a copy brings particles as near as neighbours that have no bond."""
