@@ -27,8 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from ase import Atoms
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.linalg import lapack
+from scipy import linalg, sparse
 
 from ..lattices.bonds import Bonds, lengths_of
 from ..response.normal_modes import Modes, modes
@@ -46,7 +45,6 @@ REGULAR = 1e-12
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
 ROUND_OFF = 1e-13  # of forces that cancel
 STEP = 1e-20  # relative size of a complex step: no difference is taken, so it may be as small as numbers allow
-BLOCK = 64  # columns that LAPACK factors at once
 CROSSING = 1e-9
 """Difference of two squared frequencies, as a fraction of the highest, below which their modes are arbitrary."""
 
@@ -114,14 +112,10 @@ class Frame:
     dim: int
 
     @cached_property
-    def _stretch(self):
-        """C for displacements particle by particle and bond vectors with the bonds last in memory."""
-        of_axes = sparse.csc_array(sparse.kron(sparse.eye_array(self.dim), self.bonds.incidence))
-        return sparse.csr_array(of_axes[:, np.arange(self.free.shape[0]).reshape(self.dim, -1).T.ravel()])
-
-    @cached_property
-    def _transposed(self):
-        return sparse.csr_array(self._stretch.T), sparse.csr_array(self.free.T)
+    def _products(self):
+        """C, of displacements and bond vectors with particles and bonds last in memory, its transpose and that of P."""
+        C = sparse.csr_array(sparse.kron(sparse.eye_array(self.dim), self.bonds.incidence))
+        return C, sparse.csr_array(C.T), sparse.csr_array(self.free.T)
 
     @cached_property
     def _assembly(self):
@@ -140,15 +134,15 @@ class Frame:
 
     def stretch(self, u: NDArray[Any]) -> NDArray[Any]:
         """`C u`: changes of the bond vectors, shape (bonds, dim), from displacements, shape (particles, dim)."""
-        return (self._stretch @ u.ravel()).reshape(self.dim, -1).T
+        return (self._products[0] @ u.T.ravel()).reshape(self.dim, -1).T
 
     def gather(self, pulls: NDArray[Any]) -> NDArray[Any]:
         """`C^T f`: forces on the particles from those in the bonds."""
-        return (self._transposed[0] @ pulls.T.ravel()).reshape(-1, self.dim)
+        return (self._products[1] @ pulls.T.ravel()).reshape(self.dim, -1).T
 
     def along(self, forces: NDArray[Any]) -> NDArray[Any]:
         """`P^T f`: forces along the free directions, shape (free,)."""
-        return self._transposed[1] @ forces.ravel()
+        return self._products[2] @ forces.ravel()
 
     def spread(self, y: NDArray[Any]) -> NDArray[Any]:
         """`P y`: displacements, shape (particles, dim), from those along the free directions."""
@@ -271,13 +265,10 @@ class Rest:
 
         Both have the shape (particles, dim).  A stiffer rod is a thicker one: its mass goes with the root of its stiffness k.
         """
-        def beyond():
-            m = np.broadcast_to(self.rods, len(self.springs))[:, None] / RAYLEIGH
-            x = np.divide(3 * m * omega**2, self.springs, where=self.springs > 0, out=np.zeros(self.springs.shape))
-            excess, slope = cantilever_excess(x)
-            return excess, excess - slope / 2
-
-        return self.once(('rods', omega), beyond)
+        m = np.broadcast_to(self.rods, len(self.springs))[:, None] / RAYLEIGH
+        x = np.divide(3 * m * omega**2, self.springs, where=self.springs > 0, out=np.zeros(self.springs.shape))
+        excess, slope = self.once(('rods', omega), lambda: cantilever_excess(x))
+        return excess, excess - slope / 2
 
     def response(self, force: NDArray[Any], omega: float, damping: float) -> NDArray[np.complex128]:
         """Displacements for a harmonic force on each particle, both of shape (particles, dim), in mm.
@@ -288,8 +279,8 @@ class Rest:
             G = self.stiffness.T.astype(complex)  # symmetric: as LAPACK has it in memory
             beyond = self.springs * self.excess(omega)[0] + (1j * omega * damping - omega**2) * self.masses[:, None]
             G[np.diag_indices(len(G))] += self.frame.shares @ beyond.ravel()
-            factor, pivots, _ = lapack.zsytrf(G, lower=True, lwork=BLOCK * len(G), overwrite_a=True)
-            return lambda F: lapack.zsytrs(factor, pivots, F, lower=True)[0]
+            factor, pivots, _ = linalg.lapack.zsytrf(G, lower=True, lwork=64 * len(G), overwrite_a=True)  # 64 columns at once
+            return lambda F: linalg.lapack.zsytrs(factor, pivots, F, lower=True)[0]
 
         return self.frame.spread(self.once((omega, damping), solver)(self.frame.along(force) + 0j))
 
