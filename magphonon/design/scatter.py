@@ -279,8 +279,8 @@ class Rest:
             G = self.stiffness.T.astype(complex)  # symmetric: as LAPACK has it in memory
             beyond = self.springs * self.excess(omega)[0] + (1j * omega * damping - omega**2) * self.masses[:, None]
             G[np.diag_indices(len(G))] += self.frame.shares @ beyond.ravel()
-            factor, pivots, _ = linalg.lapack.zsytrf(G, lower=True, lwork=64 * len(G), overwrite_a=True)  # 64 columns at once
-            return lambda F: linalg.lapack.zsytrs(factor, pivots, F, lower=True)[0]
+            factor, pivots, _ = linalg.lapack.zsytrf(G, lower=True, lwork=64 * len(G), overwrite_a=True)  # pyright: ignore[reportAttributeAccessIssue]  not in stubs
+            return lambda F: linalg.lapack.zsytrs(factor, pivots, F, lower=True)[0]  # pyright: ignore[reportAttributeAccessIssue]
 
         return self.frame.spread(self.once((omega, damping), solver)(self.frame.along(force) + 0j))
 

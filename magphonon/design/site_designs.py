@@ -285,8 +285,8 @@ def _cholesky(H):
     """Solution with a positive definite matrix, or None if it has another eigenvalue."""
     H = np.array(H.T, order='F')  # symmetric: as LAPACK has it in memory
     H[np.diag_indices(len(H))] += REGULAR * (abs(H.diagonal()).max() or 1.0)
-    factor, bad = lapack.dpotrf(H, lower=True, clean=False, overwrite_a=True)
-    return None if bad else lambda b: lapack.dpotrs(factor, b, lower=True)[0]
+    factor, bad = lapack.dpotrf(H, lower=True, clean=False, overwrite_a=True)  # pyright: ignore[reportAttributeAccessIssue]  not in stubs
+    return None if bad else lambda b: lapack.dpotrs(factor, b, lower=True)[0]  # pyright: ignore[reportAttributeAccessIssue]
 
 
 class Variables:
@@ -517,11 +517,10 @@ class _Task:
     def copies(self, x, errors, rng, draws, scale):
         """The gradient of the soft minimum over copies with errors; copies that buckle are left out."""
         v = self.variables
-        near = self.near = v.structure.rest(v.parts(x), self.near, self.model)
-        found = []
+        self.near, found = v.structure.rest(v.parts(x), self.near, self.model), []
         for _ in range(draws):
             try:
-                found.append(self(x, errors.draw(rng, *v.structure.shape, scale), near))
+                found.append(self(x, errors.draw(rng, *v.structure.shape, scale), self.near))
             except Unstable:
                 self.buckled += 1
         if not found:
