@@ -225,7 +225,7 @@ def correct(u, w, v, kick, drift, n, lo, hi, pushed, guided, led):
 
 @kept
 def stages(u, w, v, h, r, bonds, sites, flow, reach, runs, part, pushed, guided, led, some):
-    """Do the stages from some[0] to some[1] of a block in the runs from part[1] to part[2], into which bonds lead from part[0] on.
+    """Do the stages some[0] to some[1] of a block in the runs part[1] to part[2], into which bonds lead from part[0] on.
 
     Returns whether an increment was beyond the reach of the law.  Stages of even numbers leave displacements in w, others in u.
     """
