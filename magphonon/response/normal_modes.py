@@ -113,12 +113,12 @@ def _mirrors(system):
     """
     if system.directions <= SMALL:
         return []
-    places, found = system.atoms.positions, []
-    for axis, turn in enumerate(1 - 2 * np.eye(3)[: system.dim]):
-        middle = (places.max(axis=0) + places.min(axis=0)) / 2
+    places, dim, found = system.atoms.positions, system.dim, []
+    middle = (places.max(axis=0) + places.min(axis=0)) / 2
+    for turn in 1 - 2 * np.eye(3)[:dim]:
         partner = KDTree(places).query(middle + turn * (places - middle))[1]
-        signs = sparse.diags_array(turn[: system.dim])
-        P = sparse.csr_array(system.free.T @ sparse.kron(sparse.eye_array(len(places), format='csr')[partner], signs) @ system.free)
+        exchange = sparse.kron(sparse.eye_array(len(places), format='csr')[partner], sparse.diags_array(turn[:dim]))
+        P = sparse.csr_array(system.free.T @ exchange @ system.free)
         once = P.nnz == system.directions and (abs(P.data) == 1).all()
         if once and not (P != P.T).nnz and abs(P @ system.K @ P - system.K).max() <= ROUND_OFF * abs(system.K).max():
             found.append(P)
