@@ -1,6 +1,5 @@
 """Modes and frequency responses: chains in closed form, direct solution, and where each way of computing them ends."""
 
-
 from contextlib import suppress
 
 import numpy as np
@@ -224,14 +223,14 @@ def test_the_interval_holds_the_spectrum():
 
 @pytest.mark.parametrize('seed', few_first(range(60), 4))
 def test_products_find_the_lowest_of_drawn_patches(seed):
-    """Hexagons have pairs of equal frequency; without a foundation some patches are unstable."""
+    """Hexagons have pairs of equal frequency; on soft springs some patches are unstable, on stiff ones no frequency is low."""
     rng = np.random.default_rng(seed)
     shape = [lattices.hexagon, lattices.rectangle][seed % 2]
     atoms = shape(lattices.triangular(1.0, 0.7), *rng.uniform(5, 7, 1 + seed % 2) * [1, 1.5][seed % 2])
     if seed % 3:
         atoms = atoms[rng.random(len(atoms)) > 0.1]
         atoms.set_masses(rng.uniform(0.5, 2, len(atoms)))
-    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=rng.uniform(0, 3))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=rng.uniform(0, 3) + 60 * (seed % 4 == 1))
     atoms.calc = atoms.calc.balanced(np.arange(len(atoms)))
     K, count = LinearSystem.of(atoms).K, int(rng.integers(1, 13))
     squares = np.linalg.eigvalsh(K.toarray())
@@ -242,11 +241,9 @@ def test_products_find_the_lowest_of_drawn_patches(seed):
 
 
 def test_products_do_not_find_what_is_crowded():
-    with pytest.raises(Crowded):  # one value for all
-        lowest_by_products(sparse.csr_array(2.0 * sparse.eye_array(300)), 300, 4)
-    crowded = np.append(np.linspace(1, 1 + 1e-9, 20), np.linspace(2, 3, 280))
-    with pytest.raises(Crowded):
-        lowest_by_products(sparse.csr_array(sparse.diags_array(crowded)), 300, 4)
+    for squares in (np.full(300, 2.0), np.append(np.linspace(1, 1 + 1e-9, 20), np.linspace(2, 3, 280))):
+        with pytest.raises(Crowded):
+            lowest_by_products(sparse.csr_array(sparse.diags_array(squares)), 300, 4)
 
 
 @pytest.mark.parametrize('seed', [40, 56, 3])
