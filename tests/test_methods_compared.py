@@ -58,8 +58,9 @@ def statics_against_energies_of_pairs(case, truth):
     force = (pairs.forces(x) - static - truth.k * u).ravel()
     H = B.T @ (pairs.hessian(x) + np.diag(truth.k.ravel())) @ B
     scale = truth.scale * (1 + truth.displaced)  # of terms that cancel
-    energies = atoms.get_potential_energy(), atoms.get_potential_energies().sum()
-    off = [compare(found - start, energy, scale) for found in energies]
+    energies = atoms.get_potential_energy() - start, atoms.get_potential_energies().sum() - start
+    from_rest = atoms.calc.about(case.atoms).get_potential_energy(atoms)
+    off = [compare(found, energy, scale) for found in (*energies, from_rest)]
     off.append(compare(B.T @ atoms.get_forces()[:, :dim].ravel(), B.T @ force, scale))
     return max(*off, compare(B.T @ in_plane(atoms.calc.get_hessian(atoms), dim) @ B, H, truth.scale))
 
