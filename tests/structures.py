@@ -172,7 +172,7 @@ def places(rng, has, name, cell, most):
 
 
 def supercell(rng, cell, most):
-    counts = np.where(cell.pbc, rng.integers(1, 4, 3), 1)
+    counts = np.where(cell.pbc, rng.integers(1, max(4, int(most ** (1 / cell.pbc.sum()))), 3), 1)
     while np.prod(counts) * len(cell) > most:
         counts[counts.argmax()] -= 1
     return cell.repeat(counts)
@@ -198,27 +198,27 @@ def held_by(atoms):
     return np.concatenate([np.array([], int), *held])
 
 
-def unlike_sites(rng, has, n, dim):
+def unlike_sites(rng, has, n, dim, laws):
     """Laws of pairs of kinds or one law, kinds, strengths, and factors of the springs of each site."""
     share = 0.7 * has('unlike', 0.5)
-    laws, kinds, strengths, factors = LAWS[rng.integers(len(LAWS))], np.zeros(n, int), np.ones(n), np.ones((n, dim))
+    law, kinds, strengths, factors = laws[rng.integers(len(laws))], np.zeros(n, int), np.ones(n), np.ones((n, dim))
     if has('kinds', share):
-        laws, kinds = dict(zip([(0, 0), (1, 0), (1, 1)], rng.permutation(LAWS).tolist(), strict=False)), rng.integers(0, 2, n)
+        law, kinds = dict(zip([(0, 0), (1, 0), (1, 1)], rng.permutation(laws).tolist(), strict=False)), rng.integers(0, 2, n)
     if has('strengths', share):
         strengths = rng.uniform(0.8, 1.2, n)
         if has('attraction', 0.3):
             strengths[1::4] *= -1
     if has('springs', share):
         factors = factors * rng.uniform(0.5, 1.5, [(n, dim), (n, 1), (1, dim)][rng.integers(3)])
-    return laws, kinds, strengths, factors
+    return law, kinds, strengths, factors
 
 
 def with_holes(rng, perfect):
-    """Whether one or two inner particles could be taken out."""
+    """Whether one or two inner particles, or more of many, could be taken out."""
     inner = rng.permutation(np.setdiff1d(np.arange(len(perfect)), held_by(perfect)))
     if len(inner) < 5:
         return False
-    del perfect[inner[: rng.integers(1, 3)].tolist()]
+    del perfect[inner[: rng.integers(1, 3 + len(perfect) // 40)].tolist()]
     return True
 
 
@@ -232,11 +232,11 @@ def guides(rng, perfect, dim):
     return [guide for guide in chosen if rng.random() < 0.5]
 
 
-def structure(seed, most=24, cells=(*REACHES, 'oblique'), shells=3, springs=(0.0, 0.03, 0.3), **traits):
+def structure(seed, most=24, cells=(*REACHES, 'oblique'), shells=3, laws=LAWS, springs=(0.0, 0.03, 0.3), **traits):
     """A structure at rest with its calculator, and the truth about it.
 
-    Of roughly `most` particles, on lattices of `cells`, bonded within up to `shells` shells, on one of the `springs` (N/mm); each
-    of the `traits` is there (True) or not (False), the others as chance has it.
+    Of roughly `most` particles, on lattices of `cells`, bonded within up to `shells` shells by `laws`, on one of the `springs`
+    (N/mm); each of the `traits` is there (True) or not (False), the others as chance has it.
     """
     rng = np.random.default_rng(seed)
     has = Chance(rng, traits)
@@ -252,13 +252,13 @@ def structure(seed, most=24, cells=(*REACHES, 'oblique'), shells=3, springs=(0.0
     if has('guided', 0.9):
         perfect.set_constraint([*perfect.constraints, *guides(rng, perfect, dim)])
 
-    law, kinds, strengths, factors = unlike_sites(rng, has, n, dim)
+    law, kinds, strengths, factors = unlike_sites(rng, has, n, dim, laws)
     if isinstance(law, dict):
         perfect.set_tags(kinds)
     relaxes = strengths.min() > 0 and has('relaxed', 0.2)  # what attracts may fall onto its neighbour
     k = (2 * max(springs) if relaxes else float(rng.choice(springs))) * factors
     if dim == 3 and not perfect.pbc.all():
-        k[:, 2] = 2.0 if relaxes else rng.uniform(0.1, 2.0)  # it keeps its plane, or does not
+        k[:, 2] = max(2.0, *springs) if relaxes or min(springs) else rng.uniform(0.1, 2.0)  # it keeps its plane, or does not
     scatter, moved = np.zeros((2, n, 3))
     if has('anchors', 0.4):
         scatter[:, :dim] = 0.4 * rng.uniform(-1, 1, (n, dim))
