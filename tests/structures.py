@@ -172,7 +172,8 @@ def places(rng, has, name, cell, most):
 
 
 def supercell(rng, cell, most):
-    counts = np.where(cell.pbc, rng.integers(1, max(4, int(most ** (1 / cell.pbc.sum()))), 3), 1)
+    least = 1 + (most > 24)  # at one cell each bond may join a particle to its own image
+    counts = np.where(cell.pbc, rng.integers(least, max(4, int(most ** (1 / cell.pbc.sum()))), 3), 1)
     while np.prod(counts) * len(cell) > most:
         counts[counts.argmax()] -= 1
     return cell.repeat(counts)
@@ -232,11 +233,11 @@ def guides(rng, perfect, dim):
     return [guide for guide in chosen if rng.random() < 0.5]
 
 
-def structure(seed, most=24, cells=(*REACHES, 'oblique'), shells=3, laws=LAWS, springs=(0.0, 0.03, 0.3), **traits):
+def structure(seed, most=24, cells=(*REACHES, 'oblique'), shells=3, laws=LAWS, foundation=(0.0, 0.03, 0.3), **traits):
     """A structure at rest with its calculator, and the truth about it.
 
-    Of roughly `most` particles, on lattices of `cells`, bonded within up to `shells` shells by `laws`, on one of the `springs`
-    (N/mm); each of the `traits` is there (True) or not (False), the others as chance has it.
+    Of roughly `most` particles, on one of the lattices `cells`, bonded within up to `shells` shells by one of the `laws`, on a
+    `foundation` of one of these springs (N/mm); each of the `traits` is there (True) or not (False), the others as chance has it.
     """
     rng = np.random.default_rng(seed)
     has = Chance(rng, traits)
@@ -256,9 +257,9 @@ def structure(seed, most=24, cells=(*REACHES, 'oblique'), shells=3, laws=LAWS, s
     if isinstance(law, dict):
         perfect.set_tags(kinds)
     relaxes = strengths.min() > 0 and has('relaxed', 0.2)  # what attracts may fall onto its neighbour
-    k = (2 * max(springs) if relaxes else float(rng.choice(springs))) * factors
+    k = (0.6 if relaxes else float(rng.choice(foundation))) * factors
     if dim == 3 and not perfect.pbc.all():
-        k[:, 2] = max(2.0, *springs) if relaxes or min(springs) else rng.uniform(0.1, 2.0)  # it keeps its plane, or does not
+        k[:, 2] = max(2.0, k.max()) if relaxes or min(foundation) else rng.uniform(0.1, 2.0)  # it keeps its plane, or does not
     scatter, moved = np.zeros((2, n, 3))
     if has('anchors', 0.4):
         scatter[:, :dim] = 0.4 * rng.uniform(-1, 1, (n, dim))

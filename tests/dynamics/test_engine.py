@@ -16,7 +16,7 @@ from magphonon.dynamics import Constant, Harmonic, PrescribedMotion, ToneBurst, 
 
 L0, MASS, STEPS = 10.0, 0.7, 70  # mm, g; three blocks, the last one cut short
 LAW = InversePower(b=8900.0, a=4.5)
-EXACT = 2e-10
+EXACT = {'compiled': 2e-10, 'ase': 1e-9}
 """Of the largest displacement or velocity: ASE's loop rounds positions of 50 mm at 1e-14 mm, and under constraints makes
 velocities of their differences, by a step of 0.02 ms; both add up over 70 steps of motion by 0.05 mm."""
 ONE_KERNEL = {'cells': ['triangular'], 'shells': 1, 'laws': LAWS[1:2]} | dict.fromkeys(
@@ -31,7 +31,7 @@ class Motion:
     """A drawn structure and what moves it, each trait there or not."""
 
     def __init__(self, seed, most=80, shells=2, order=None, **traits):
-        self.case = structure(seed, most, shells=shells, springs=(20.0, 30.0), **{'held elsewhere': False} | traits)
+        self.case = structure(seed, most, shells=shells, foundation=(20.0, 30.0), **{'held elsewhere': False} | traits)
         self.rng, self.traits, self.atoms = np.random.default_rng([seed, 5]), self.case.traits, self.case.atoms
         rng, count, dim, held = self.rng, len(self.atoms), self.case.dim, held_by(self.atoms)
         free = np.setdiff1d(np.arange(count), held)
@@ -42,11 +42,11 @@ class Motion:
             loaded = rng.random((count, 1)) < rng.choice([0.05, 1.0])
             self.load[:, :dim] = 0.3 * loaded * rng.normal(size=(count, dim))
         gyration = 0.0
-        if self.order == dim == 2 and self.one('gyration', 0.25):
+        if self.order == dim == 2 and self.one('gyration', 0.4):
             gyration = rng.uniform(-1, 1, count) if rng.random() < 0.5 else 0.5
         calc = self.atoms.calc
         self.atoms.calc = calc.about(calc.reference, calc.load + self.load, gyration=gyration)
-        self.drives = []
+        self.drives, self.table = [], self.one('table', 0.2)
         self.pushed = rng.permutation(np.setdiff1d(free, [k for c in self.atoms.constraints for k in c.index]))[:3]
         if len(self.pushed) == 3 and self.one('drives', 0.4):
             a, b, c = self.pushed
@@ -72,9 +72,10 @@ class Motion:
         atoms = self.atoms.copy()
         atoms.calc = self.atoms.calc
         dyn = DrivenVerlet(atoms, self.dt, self.drives, self.damping, engine, self.order, **options)
-        with mock.patch.object(memory_layout, 'SPREAD', 0 if self.one('table', 0.2) else memory_layout.SPREAD):
+        with mock.patch.object(memory_layout, 'SPREAD', 0 if self.table else memory_layout.SPREAD):
             dyn.run(STEPS)
         assert dyn.engine == engine
+        assert engine == 'ase' or dyn._blocks.layout.offset is None or not self.table
         return np.stack([dyn.displacements, dyn.velocities])
 
     def expected(self, **changes):
@@ -103,7 +104,7 @@ def misfit(states, expected):
 
 def compare(motion, expected, engine):
     off = misfit(motion.run(engine), expected)
-    assert off < EXACT, f'{off:.2g}: {[name for name, there in motion.traits.items() if there]}'
+    assert off < EXACT[engine], f'{off:.2g}: {[name for name, there in motion.traits.items() if there]}'
 
 
 def stepped_by_hand(seed, **traits):
@@ -115,7 +116,7 @@ def stepped_by_hand(seed, **traits):
                                    pytest.param(range(1000, 3000), marks=pytest.mark.long)])
 def test_ases_loop_is_velocity_verlet(seeds):
     for seed in seeds:
-        motion = stepped_by_hand(seed)
+        motion = stepped_by_hand(seed, most=(24, 80)[seed % 2])
         compare(motion, motion.expected(), 'ase')
 
 
@@ -128,30 +129,40 @@ def test_the_engine_computes_the_states_of_ases_loop(seed):
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', range(40))
 def test_and_that_with_all_traits(seed):
-    motion = Motion(seed)
+    motion = Motion(seed, most=80 if seed % 5 else 1500)
     compare(motion, motion.run('ase'), 'compiled')
 
 
+@pytest.mark.long
+@pytest.mark.parametrize('hundred', range(10))
+def test_a_thousand_motions(hundred):
+    for seed in range(100 * hundred, 100 * (hundred + 1)):
+        motion = Motion(seed, most=2000 if seed % 5 == 0 else 200, shells=1 + (seed % 5 == 1))
+        compare(motion, motion.run('ase'), 'compiled')
+
+
 def test_every_trait_is_drawn():
-    there = [{name for name, has in Motion(seed).traits.items() if has} for seed in range(40)]
-    assert set.union(*there) == {name for seed in range(40) for name in Motion(seed).traits}
+    drawn = [Motion(seed, most=24).traits for seed in range(40)]
+    assert set.union(*({name for name, there in traits.items() if there} for traits in drawn)) == set.union(*map(set, drawn)) - {'held elsewhere'}
 @pytest.mark.parametrize('change', ['model', 'springs', 'bond', 'load', 'place'])
 def test_another_structure_is_noticed(change):
     """The control: it is off by far more than what is allowed, and so it is for the engines that agree with ASE's loop."""
+    off = []
     for seed in range(3):
-        motion = stepped_by_hand(seed, conventional=False, moved=True, relaxed=False, load=True)
+        motion = stepped_by_hand(seed, most=24, conventional=False, moved=True, relaxed=False, load=True)
         found, truth = motion.run('ase'), motion.case.truth
         if change == 'load':
             motion.load = 0 * motion.load
         other = {'model': {'model': 'conventional'}, 'springs': {'k': 1.01 * truth.k}, 'bond': {'lost': 7}, 'load': {},
                  'place': {'x': truth.perfect.positions}}[change]
-        assert misfit(found, motion.expected(**other)) > 1e3 * EXACT
+        off.append(misfit(found, motion.expected(**other)))
+    assert max(off) > 1e3 * EXACT['ase']  # a load may be that of particles that are held
 
 
 @pytest.mark.parametrize('change', ['damping', 'drives', 'order'])
 def test_another_motion_is_noticed(change):
     """The control: it is off by far more than what is allowed."""
-    motion = Motion(1, drives=True)
+    motion = Motion(1, most=24, drives=True)
     expected = motion.run('ase')
     if change == 'damping':
         motion.damping = motion.damping + 1e-4
@@ -159,7 +170,7 @@ def test_another_motion_is_noticed(change):
         motion.drives = [*motion.drives, Constant([motion.pushed[0]], (1, 0), 1e-4)]
     else:
         motion.order, motion.damping = (4 if motion.order == 2 else 2), float(np.max(motion.damping))
-    assert misfit(motion.run('ase'), expected) > 1e3 * EXACT
+    assert misfit(motion.run('ase'), expected) > 1e3 * EXACT['compiled']
 
 
 @pytest.mark.parametrize(('seed', 'traits'), [(0, ONE_KERNEL), (3, ONE_KERNEL), *(
