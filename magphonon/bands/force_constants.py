@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
-from ase.build import make_supercell
 from ase.constraints import FixAtoms
 from ase.dft.kpoints import BandPath
 from ase.geometry import minkowski_reduce
@@ -97,6 +96,8 @@ def finite_displacements(atoms: Atoms, supercell: ArrayLike | None = None, dista
     >>> phonon.force_constants.shape
     (1, 9, 3, 3)
     """
+    from ase.build import make_supercell
+
     try:
         from phonopy import Phonopy
         from phonopy.structure.atoms import PhonopyAtoms
