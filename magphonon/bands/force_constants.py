@@ -96,8 +96,6 @@ def finite_displacements(atoms: Atoms, supercell: ArrayLike | None = None, dista
     >>> phonon.force_constants.shape
     (1, 9, 3, 3)
     """
-    from ase.build import make_supercell
-
     try:
         from phonopy import Phonopy
         from phonopy.structure.atoms import PhonopyAtoms
@@ -118,7 +116,11 @@ def finite_displacements(atoms: Atoms, supercell: ArrayLike | None = None, dista
     phonon.unit_conversion_factor = TO_HZ
     phonon.generate_displacements(distance, is_plusminus=True, is_diagonal=False)
 
-    displaced = _supercell_atoms(phonon, rest.pbc) + make_supercell(held, matrix.T)
+    displaced = _supercell_atoms(phonon, rest.pbc)
+    if len(held):
+        from ase.build import make_supercell  # late: it loads all readers of ASE
+
+        displaced += make_supercell(held, matrix.T)
     displaced.calc = calc.on(displaced)  # phonopy's order of particles, not that of `repeat`
     forces = []
     for structure in tqdm(phonon.supercells_with_displacements, desc='displacements', delay=2, disable=None, leave=False):
