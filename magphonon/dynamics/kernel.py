@@ -33,6 +33,8 @@ try:
     from numba.core.options import DefaultOptions
     from numba.extending import intrinsic, overload
 
+    from ..lattices.cells import kept
+
     if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]  numba sets it from the environment
         raise ImportError('NUMBA_DISABLE_JIT is set')
 except ImportError as lack:
@@ -45,14 +47,6 @@ FAST = {'error_model': 'numpy', 'fastmath': {'contract', 'reassoc', 'nsz'}, 'no_
 
 
 # --- compiling -----------------------------------------------------------------------------------------------------------
-
-
-def kept(function):
-    """Compile a function, and keep the result on disk if numba finds a folder that it may write to."""
-    try:
-        return njit(cache=True, **OPTIONS)(function)
-    except RuntimeError:
-        return njit(**OPTIONS)(function)
 
 
 @intrinsic
@@ -260,7 +254,7 @@ def to_the_front(h, pad, lo, end, base, zero):
     return lo - pad
 
 
-@kept
+@kept(**OPTIONS)
 def stages(u, w, v, h, bonds, c, columns, terms, sites, flow, reach, runs, part, pad, pushed, guided, led, some, whole):
     """Do the stages from some[0] to some[1] of a block, for the runs from part[0] to part[1]; then `correct` if these are all.
 

@@ -103,20 +103,21 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
     return i, j, shift, vectors_between(atoms, i, j, shift)
 
 
-def compiling_pays(particles: int) -> bool:
-    """Whether numba is loaded, or there are so many particles that loading it pays."""
-    if os.environ.get('NUMBA_DISABLE_JIT', '0') != '0':
-        return False
-    return sys.modules.get('numba') is not None or (particles >= MANY and find_spec('numba') is not None)
+def compiled(particles: int) -> Any:
+    """The passes of `magphonon.lattices.cells`, if numba is loaded or that many particles repay loading it, or else None."""
+    pays = sys.modules.get('numba') is not None or (particles >= MANY and find_spec('numba') is not None)
+    if not pays or os.environ.get('NUMBA_DISABLE_JIT', '0') != '0':
+        return None
+    from . import cells
+
+    return cells
 
 
 def _near(images, n, cutoff):
     """Pairs of one of the first n points and a later one within the cutoff, each once, in any order."""
-    if compiling_pays(n):
-        from .cells import pairs_in_cells
-
-        if found := pairs_in_cells(images, n, cutoff):
-            return found
+    passes = compiled(n)
+    if passes and (found := passes.pairs_in_cells(images, n, cutoff)):
+        return found
     # particles of a lattice fill space evenly, where balance and close boxes only take time
     tree = cKDTree(images, balanced_tree=False, compact_nodes=False)
     if len(images) == n:
@@ -305,8 +306,11 @@ class Bonds:
             raise ValueError(f'bonds may join at most {MOST_PARTICLES} particles, not {self.particles}: their indices have 32 '
                              'bits')
         slim = {name: np.ascontiguousarray(getattr(self, name), np.int32) for name in 'ij'}
+        slim['vectors'] = np.asfortranarray(self.vectors)  # the bonds last in memory
         if not np.any(self.shift):
             slim['shift'] = np.broadcast_to(np.zeros(3, int), (len(self.i), 3))
+        if any(k.min(initial=0) < 0 or k.max(initial=-1) >= self.particles for k in (slim['i'], slim['j'])):
+            raise ValueError(f'bonds join particles from 0 to {self.particles - 1}; some of their i or j lie outside')
         for name, values in slim.items():
             object.__setattr__(self, name, values)
 
@@ -378,12 +382,26 @@ class Bonds:
 
     def relative(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Displacements of the far ends of the bonds relative to the near ones, `C u`, from u of shape (particles, dim)."""
-        return np.array([x[self.j] - x[self.i] for x in u.T]).T  # the bonds last in memory, as of their vectors
+        return (u.T.take(self.j, axis=1) - u.T.take(self.i, axis=1)).T  # the bonds last in memory, as of their vectors
 
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sums `C^T pull` over the bonds: `pull`, shape (bonds, dim), acts on the far ends, and its negative on the near ones."""
-        far, near = (np.array([np.bincount(end, x, self.particles) for x in pull.T], float) for end in (self.j, self.i))
-        return np.subtract(far.T, near.T, order='C')
+        near, far = self._at_ends(pull)
+        return np.subtract(far, near, order='C')
+
+    def total(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sums of values, shape (bonds, ...), over all bonds of each particle, shape (particles, ...)."""
+        near, far = self._at_ends(values)
+        return near + far
+
+    def _at_ends(self, values):
+        """Sums over the bonds that begin, and over those that end, at each particle; compiled or not, the bits are the same."""
+        rows = np.ascontiguousarray(values.T, float).reshape(int(np.prod(values.shape[1:])), len(self))
+        if passes := compiled(self.particles):
+            sums = passes.at_ends(self.i, self.j, rows, self.particles)
+        else:
+            sums = [np.array([np.bincount(end, row, self.particles) for row in rows], float) for end in (self.i, self.j)]
+        return (each.reshape(*values.T.shape[:-1], self.particles).T for each in sums)
 
     @cached_property
     def incidence(self) -> sparse.csr_array:

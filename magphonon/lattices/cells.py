@@ -1,14 +1,19 @@
-"""Pairs of particles by the cells of a grid, compiled; SciPy's k-d tree finds the same pairs in several times the time."""
+"""Compiled passes over pairs of particles: they are found by the cells of a grid, and summed over.
+
+SciPy's k-d tree finds the same pairs, and NumPy the same sums to the last bit, in several times the time.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 from numpy.typing import NDArray
 
 WIDER = 1 + 1e-9  # cells are wider than the reach by more than round-off, so that pairs are in cells next to each other
 ROOM = 8  # number of pairs of a particle for which there is room at first; a triangular lattice has 3, and 9 to its second shell
 EMPTY = 8  # largest number of cells of each point; scattered points leave more of them empty
+INDICES, ROW = (types.Array(number, 1, 'C', readonly=True) for number in (types.int32, types.float64))
+ROWS, BOTH = types.Array(types.float64, 2, 'C', readonly=True), types.UniTuple(types.float64[:, ::1], 2)
 
 
 @njit
@@ -17,15 +22,20 @@ def _square(points, p, q):
     return (points[q, 0] - points[p, 0]) ** 2 + (points[q, 1] - points[p, 1]) ** 2 + (points[q, 2] - points[p, 2]) ** 2
 
 
-def kept(function):
+def kept(*signature, **options):
     """Compile a function, and keep the result on disk if numba finds a folder that it may write to."""
-    try:
-        return njit(cache=True, error_model='numpy', nogil=True)(function)
-    except RuntimeError:
-        return njit(error_model='numpy', nogil=True)(function)
+    options = {'error_model': 'numpy', 'nogil': True} | options
+
+    def compiled(function):
+        try:
+            return njit(*signature, cache=True, **options)(function)
+        except RuntimeError:
+            return njit(*signature, **options)(function)
+
+    return compiled
 
 
-@kept
+@kept()
 def _in_cells(points, n, reach, low, sides, i, j):
     """Fill i and j with the pairs, as far as there is room, and return their number."""
     own, first = np.empty(len(points), np.int64), np.zeros(sides[0] * sides[1] * sides[2] + 1, np.int64)
@@ -54,6 +64,54 @@ def _in_cells(points, n, reach, low, sides, i, j):
                             i[found], j[found] = p, q
                         found += 1
     return found
+
+
+@njit
+def _vector(R, u, i, j, b):
+    """The vector of a pair at displacements u of the particles."""
+    z = R[2, b] + (u[2, j] - u[2, i]) if len(R) == 3 else 0.0
+    return R[0, b] + (u[0, j] - u[0, i]), R[1, b] + (u[1, j] - u[1, i]), z
+
+
+@kept(types.float64[::1](INDICES, INDICES, ROWS, ROWS))
+def lengths(i, j, R, u):
+    """Lengths of pairs of the vectors R, shape (dim, pairs), at displacements u, shape (dim, particles)."""
+    r = np.empty(len(i))
+    for b in range(len(i)):
+        x, y, z = _vector(R, u, i[b], j[b], b)
+        r[b] = np.sqrt(x**2 + y**2 + z**2)
+    return r
+
+
+@kept(BOTH(INDICES, INDICES, ROWS, ROWS, ROW, ROW, ROW))
+def pulls(i, j, R, u, r, slope, energy):
+    """Sums at the particles i, and at the particles j, of the gradients of pairs of the `lengths` r, and of their energies.
+
+    Both have the shape (dim + 1, particles); a gradient is the slope by r along the pair.
+    """
+    dim, particles = u.shape
+    near, far = np.zeros((dim + 1, particles)), np.zeros((dim + 1, particles))
+    for b in range(len(i)):
+        x, y, z = _vector(R, u, i[b], j[b], b)
+        tension = slope[b] / r[b]
+        for sums, p in ((near, i[b]), (far, j[b])):
+            sums[0, p] += tension * x
+            sums[1, p] += tension * y
+            if dim == 3:
+                sums[2, p] += tension * z
+            sums[dim, p] += energy[b]
+    return near, far
+
+
+@kept(BOTH(INDICES, INDICES, ROWS, types.intp))
+def at_ends(i, j, values, particles):
+    """Sums of values, shape (rows, pairs), at the particles i, and at the particles j, both of shape (rows, particles)."""
+    near, far = np.zeros((len(values), particles)), np.zeros((len(values), particles))
+    for x in range(len(values)):
+        for b in range(len(i)):
+            near[x, i[b]] += values[x, b]
+            far[x, j[b]] += values[x, b]
+    return near, far
 
 
 def pairs_in_cells(points: NDArray[np.float64], n: int, reach: float) -> tuple[NDArray[np.int_], NDArray[np.int_]] | None:

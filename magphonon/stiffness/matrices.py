@@ -241,11 +241,15 @@ def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64], 
                          f'(distance {apart:g} mm along their bond); start from smaller displacements')
     if n is not None:
         vectors = (1 + _product(n, moved) / r0)[:, None] * R  # R itself at rest, to the last bit
-    power = 2 if n is None else 1
-    least, most = (CONTACT * bonds.longest) ** power, (BROKEN_BOND * bonds.shortest) ** power
-    if not (least < nearest and along.max(initial=0.0) < most):  # some bond may be out of range, so look at each
-        _refuse_far(bonds, along ** (1 / power), vectors, interaction)
+    nearest, farthest = (np.sqrt(r) if n is None else r for r in (nearest, along.max(initial=0.0)))
+    if not in_range(bonds, nearest, farthest):  # some bond may be out of range, so look at each
+        _refuse_far(bonds, np.sqrt(along) if n is None else along, vectors, interaction)
     return vectors, n
+
+
+def in_range(bonds: Bonds, nearest: float, farthest: float) -> bool:
+    """Whether no bond can be squeezed or stretched out of range, if the lengths of all are between these two, in mm."""
+    return bool(CONTACT * bonds.longest < nearest and farthest < BROKEN_BOND * bonds.shortest)
 
 
 def _refuse_far(bonds, r, vectors, interaction):
@@ -287,7 +291,7 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
         phase = np.real(phase)
     to_itself = (i == j)[:, None, None]  # |1 - phase|^2 K: exactly nothing where all particles move alike
     springs = each_spring(foundation, n, dim).reshape(n, dim, 1) * np.eye(dim)
-    own = own_stiffness(bonds, np.where(to_itself, abs(1 - phase) ** 2 / 2, 1) * K) + springs
+    own = bonds.total(np.where(to_itself, abs(1 - phase) ** 2 / 2, 1) * K) + springs
     K = np.where(to_itself, 0.0, K)
     blocks, each = np.concatenate([own, -K * phase, -K * np.conj(phase)]), np.arange(n, dtype=i.dtype)
     ends = np.concatenate([each, i, j]), np.concatenate([each, j, i])
@@ -326,7 +330,7 @@ def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64],
     """
     shifts, shift = bonds.distinct_shifts
     phase = np.exp(2j * np.pi * (shifts @ np.transpose(q)))
-    own, x = own_stiffness(bonds, K), np.arange(K.shape[1])
+    own, x = bonds.total(K), np.arange(K.shape[1])
     own[:, x, x] += foundation
     return _bloch_sum(bonds, K, own[..., None], phase, shift)
 
@@ -348,14 +352,8 @@ def bloch_series(bonds: Bonds, K: NDArray[np.float64],
     R, shape (bonds,), is the component in mm, along k, of the lattice vector that leads to the cell of particle j.
     """
     powers = np.stack([np.ones_like(R), 1j * R, -(R**2) / 2], axis=1)  # e^{ikR} = 1 + ikR - (kR)^2/2
-    A, B, C = _bloch_sum(bonds, K, own_stiffness(bonds, K)[..., None] * [1, 0, 0], powers, np.arange(len(R)))
+    A, B, C = _bloch_sum(bonds, K, bonds.total(K)[..., None] * [1, 0, 0], powers, np.arange(len(R)))
     return A, B, C
-
-
-def own_stiffness(bonds: Bonds, K: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sum of the stiffness of the bonds of each particle, shape (particles, dim, dim)."""
-    sums = [np.bincount(bonds.i, x, bonds.particles) + np.bincount(bonds.j, x, bonds.particles) for x in K.reshape(len(K), -1).T]
-    return np.asarray(np.stack(sums, axis=-1).reshape(-1, *K.shape[1:]), float)
 
 
 def _bloch_sum(bonds, K, own, factors, which):

@@ -90,14 +90,14 @@ class Repulsion(Calculator):
             return super().get_property(name, atoms, allow_calculation)
 
     def check_state(self, atoms: Atoms, tol: float = 0.0) -> list[str]:
-        """The names of the arrays that differ from those of the last calculation.
+        """The name of the first array that differs from that of the last calculation, as a list; empty if all are equal.
 
         A displacement below 1e-15 is a change too, and exact comparison is cheaper than ASE's with a tolerance for every array.
         """
         if self.atoms is None:
             return all_changes
-        return [name for name in ('positions', 'cell', 'pbc', 'numbers')
-                if not np.array_equal(getattr(self.atoms, name), getattr(atoms, name))]
+        pairs = ((name, getattr(self.atoms, name), getattr(atoms, name)) for name in ('positions', 'cell', 'pbc', 'numbers'))
+        return next(([name] for name, before, now in pairs if not np.array_equal(before, now)), [])
 
     def todict(self, skip_default: bool = True) -> dict[str, Any]:
         """Everything that the forces depend on, for ASE's files and databases; `fromdict` restores the calculator from it."""
