@@ -76,7 +76,6 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
     n, inverse = len(atoms), np.linalg.pinv(periods)
     if not len(periods):
         i, j = _near(atoms.positions, n, cutoff)
-        i, j = divmod(np.sort(i * n + j), n)
         shift: Any = np.zeros((len(i), 3), np.int8)
         return i, j, shift, vectors_between(atoms, i, j, shift)
     home = np.floor(atoms.positions @ inverse).astype(int)
@@ -114,14 +113,15 @@ def compiled(particles: int) -> Any:
 
 
 def _near(images, n, cutoff):
-    """Pairs of one of the first n points and a later one within the cutoff, each once, in any order."""
+    """Pairs of one of the first n points and a later one within the cutoff, each once, and ascending if there are no others."""
     passes = compiled(n)
     if passes and (found := passes.pairs_in_cells(images, n, cutoff)):
         return found
     # particles of a lattice fill space evenly, where balance and close boxes only take time
     tree = cKDTree(images, balanced_tree=False, compact_nodes=False)
     if len(images) == n:
-        return tree.query_pairs(cutoff, output_type='ndarray').T
+        i, j = tree.query_pairs(cutoff, output_type='ndarray').T
+        return divmod(np.sort(i * n + j), n)
     found = cKDTree(images[:n]).sparse_distance_matrix(tree, cutoff, output_type='ndarray')
     found = found[found['i'] < found['j']]
     return found['i'], found['j']
@@ -154,8 +154,15 @@ def vectors_between(atoms: Atoms, i: NDArray[np.int_], j: NDArray[np.int_], shif
         if shifted:
             np.subtract(place[j] + shift @ atoms.cell.array[:, x], place[i], out=found)
         elif np.ptp(place):
-            np.subtract(place[j], place[i], out=found)
+            found[:] = _differences(place[None], i, j)
     return vectors.T
+
+
+def _differences(u, i, j):
+    """Values at j minus those at i, shape (rows, pairs), from u of shape (rows, particles)."""
+    if u.dtype == float and (passes := compiled(u.shape[1])):
+        return passes.differences(*(np.ascontiguousarray(k, np.int32) for k in (i, j)), np.ascontiguousarray(u))
+    return u.take(j, axis=1) - u.take(i, axis=1)
 
 
 def lengths_of(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -191,19 +198,19 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
     if len(atoms) < 2 and not atoms.pbc.any():
         raise ValueError(f'a structure of {len(atoms)} particles without periodic images has no bonds; add particles')
     others = np.concatenate([atoms.positions[1:] - atoms.positions[0], atoms.cell.array[atoms.pbc]])
-    extent = np.linalg.norm(np.ptp(atoms.positions, axis=0))
-    reach = (1.8 + min(shells, 3) / 2) * lengths_of(others).min()  # the first shells of the common lattices, and the next one
+    extent = np.linalg.norm([np.ptp(x) for x in atoms.positions.T])
+    beyond = shells > 1  # whether the gap after the next shell is needed, as the one before the first is the widest anyway
+    reach = (1.8 + beyond * min(shells, 3) / 2) * lengths_of(others).min()  # of the first shells of the common lattices
     held = _held(atoms)
     while True:
         i, j, _, vectors = pairs = pairs_within(atoms, reach)
         lengths = lengths_of(vectors)
-        both = held[i]
-        both[both] = held[j[both]]
-        distances = np.unique(lengths[~both])
+        both = held[i] & held[j] if held.any() else np.zeros(len(i), bool)
+        distances = np.unique(lengths[~both] if held.any() else lengths)
         gaps = np.diff(distances) / distances[1:]
         last = np.flatnonzero(gaps > SHELL_WIDTH)  # last distance of each shell before another one
         complete = reach >= extent and not atoms.pbc.any()
-        if len(last) > shells or (complete and len(last) == shells):
+        if len(last) >= shells + (beyond and not complete):
             _refuse_unclear(atoms, distances, gaps, last, shells)
             end = distances[last[shells - 1] : last[shells - 1] + 2].mean()
             return _in_shells(pairs, lengths, both, end), end
@@ -382,7 +389,7 @@ class Bonds:
 
     def relative(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Displacements of the far ends of the bonds relative to the near ones, `C u`, from u of shape (particles, dim)."""
-        return (u.T.take(self.j, axis=1) - u.T.take(self.i, axis=1)).T  # the bonds last in memory, as of their vectors
+        return _differences(u.T, self.i, self.j).T  # the bonds last in memory, as of their vectors
 
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sums `C^T pull` over the bonds: `pull`, shape (bonds, dim), acts on the far ends, and its negative on the near ones."""

@@ -16,12 +16,6 @@ INDICES, ROW = (types.Array(number, 1, 'C', readonly=True) for number in (types.
 ROWS, BOTH = types.Array(types.float64, 2, 'C', readonly=True), types.UniTuple(types.float64[:, ::1], 2)
 
 
-@njit
-def _square(points, p, q):
-    """Squared distance of two points."""
-    return (points[q, 0] - points[p, 0]) ** 2 + (points[q, 1] - points[p, 1]) ** 2 + (points[q, 2] - points[p, 2]) ** 2
-
-
 def kept(*signature, **options):
     """Compile a function, and keep the result on disk if numba finds a folder that it may write to."""
     options = {'error_model': 'numpy', 'nogil': True} | options
@@ -35,9 +29,26 @@ def kept(*signature, **options):
     return compiled
 
 
+@njit
+def _sort_end(j, start, end):
+    """Sort the few numbers of j from start to end."""
+    for k in range(start + 1, end):
+        q, m = j[k], k
+        while m > start and j[m - 1] > q:
+            j[m] = j[m - 1]
+            m -= 1
+        j[m] = q
+
+
+@njit
+def _square(points, p, q):
+    """Squared distance of two points."""
+    return (points[q, 0] - points[p, 0]) ** 2 + (points[q, 1] - points[p, 1]) ** 2 + (points[q, 2] - points[p, 2]) ** 2
+
+
 @kept()
 def _in_cells(points, n, reach, low, sides, i, j):
-    """Fill i and j with the pairs, as far as there is room, and return their number."""
+    """Fill i and j with the pairs, ascending, as far as there is room, and return their number."""
     own, first = np.empty(len(points), np.int64), np.zeros(sides[0] * sides[1] * sides[2] + 1, np.int64)
     for p in range(len(points)):
         own[p] = 0
@@ -52,7 +63,7 @@ def _in_cells(points, n, reach, low, sides, i, j):
         place[own[p]] += 1
     found = 0
     for p in range(n):
-        z, row = own[p] % sides[2], own[p] // sides[2]
+        start, z, row = found, own[p] % sides[2], own[p] // sides[2]
         y, x = row % sides[1], row // sides[1]
         for a in range(max(x - 1, 0), min(x + 2, sides[0])):
             for b in range(max(y - 1, 0), min(y + 2, sides[1])):
@@ -63,6 +74,17 @@ def _in_cells(points, n, reach, low, sides, i, j):
                         if found < len(i):
                             i[found], j[found] = p, q
                         found += 1
+        _sort_end(j, start, min(found, len(j)))
+    return found
+
+
+@kept(types.float64[:, ::1](INDICES, INDICES, ROWS))
+def differences(i, j, u):
+    """Values at j minus those at i, shape (rows, pairs), from u of shape (rows, particles)."""
+    found = np.empty((len(u), len(i)))
+    for x in range(len(u)):
+        for b in range(len(i)):
+            found[x, b] = u[x, j[b]] - u[x, i[b]]
     return found
 
 
@@ -114,8 +136,8 @@ def at_ends(i, j, values, particles):
     return near, far
 
 
-def pairs_in_cells(points: NDArray[np.float64], n: int, reach: float) -> tuple[NDArray[np.int_], NDArray[np.int_]] | None:
-    """Pairs of one of the first n points and a later one within `reach`, each once; None if most cells would be empty."""
+def pairs_in_cells(points: NDArray[np.float64], n: int, reach: float) -> tuple[NDArray[np.int32], NDArray[np.int32]] | None:
+    """Pairs of one of the first n points and a later one within `reach`, ascending; None if most cells would be empty."""
     low, extent = np.array([(x.min(), np.ptp(x)) for x in points.T]).T
     with np.errstate(all='ignore'):  # of a reach of zero
         sides = np.floor(extent / (WIDER * reach)) + 1
@@ -124,7 +146,7 @@ def pairs_in_cells(points: NDArray[np.float64], n: int, reach: float) -> tuple[N
     order, room = np.argsort(extent), ROOM * len(points)
     points, low, sides = np.ascontiguousarray(points[:, order]), low[order], sides[order].astype(int)
     while True:
-        i, j = np.empty((2, room), int)
+        i, j = np.empty((2, room), np.int32)
         found = _in_cells(points, n, reach, low, sides, i, j)
         if found <= room:
             return i[:found], j[:found]

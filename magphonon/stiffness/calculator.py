@@ -22,7 +22,7 @@ from scipy import sparse
 
 from ..errors import Unstable, indices, one_of
 from ..interactions.bond_laws import Laws, checked_laws
-from ..lattices.bonds import Bonds, bonds_of, compiled, image_of, repeat_bonds
+from ..lattices.bonds import Bonds, bonds_of, compiled, image_of, lengths_of, repeat_bonds
 from .matrices import (
     BROKEN_BOND,
     MODELS,
@@ -289,10 +289,8 @@ class PairCalculator(Repulsion):
 
         Its own images push a particle from both sides alike.
         """
-        bonds = self.bonds
-        if (bonds.i == bonds.j).all():
-            return np.zeros((bonds.particles, self.dim)), np.zeros((bonds.particles, 1))
-        return bonds.net(self.interaction.forces(self.bond_vectors)[1]), bonds.total(self.bond_sizes[0][:, None])
+        gradient = self.interaction.forces(self.bond_vectors)[1]
+        return self.bonds.net(gradient), self.bonds.total(lengths_of(gradient)[:, None])
 
     @cached_property
     def slack(self) -> NDArray[np.float64]:

@@ -216,7 +216,7 @@ def upper_part(vectors: NDArray[np.float64], law: Law, model: Model = 'complete'
     r = _lengths(vectors)
     along, n = np.maximum(acting.law.d2phi(r), 0), vectors.T / r
     across = 0 * r if model == 'conventional' else np.maximum(acting.law.dphi(r) / r, 0)
-    return np.moveaxis((along - across) * n[:, None] * n + across * np.eye(len(n))[..., None], -1, 0)
+    return ((along - across) * n[:, None] * n + across * np.eye(len(n))[..., None]).T
 
 
 def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64], interaction: PairInteraction,
