@@ -86,13 +86,13 @@ def form(bonds: Bonds, x: NDArray[Any], y: NDArray[Any], inertia: Any, q: NDArra
     """
     ex, ey = _elongations(bonds, x, None if q is None else -q), _elongations(bonds, y, q)
     xy = x * y
-    return Slope(ex @ ey.swapaxes(1, 2), xy.sum(2), (inertia * xy.sum(1)).sum(1))
+    return Slope(np.moveaxis((ex[:, :, None] * ey[:, None]).sum(0), -1, 0), xy.sum(2), (inertia * xy.sum(1)).sum(1))
 
 
 def _elongations(bonds, x, q):
-    """Relative displacements `C(q) x` in the bonds, shape (bonds, dim, waves), from x of shape (particles, dim, waves)."""
-    ends = x[bonds.j]
-    return (ends if q is None else np.exp(2j * np.pi * (bonds.shift @ q))[:, None, None] * ends) - x[bonds.i]
+    """Relative displacements `C(q) x` in the bonds, shape (waves, dim, bonds), from x of shape (particles, dim, waves)."""
+    ends = x.T.take(bonds.j, -1)
+    return (ends if q is None else np.exp(2j * np.pi * (bonds.shift @ q)) * ends) - x.T.take(bonds.i, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,42 +112,45 @@ class Frame:
     dim: int
 
     @cached_property
-    def _transposed(self):
-        return sparse.csr_array(self.bonds.incidence.T), sparse.csr_array(self.free.T)
+    def _products(self):
+        """C, of displacements and bond vectors with particles and bonds last in memory, its transpose and that of P."""
+        C = sparse.csr_array(sparse.kron(sparse.eye_array(self.dim), self.bonds.incidence))
+        return C, sparse.csr_array(C.T), sparse.csr_array(self.free.T)
+
+    @cached_property
+    def _assembly(self):
+        """The sparse matrix that makes the entries of `hessian` from those of K, with the bonds last, and of the springs."""
+        size, axes = self.free.shape[0], np.arange(self.dim)[:, None]
+        i, j = (self.dim * ends + axes for ends in (self.bonds.i, self.bonds.j))
+        entries = [(size * one[:, None] + other).ravel() for one, other in ((i, i), (j, j), (i, j), (j, i))]
+        ii, jj, ij, ji, each = (sparse.csr_array((np.ones(len(one)), (one, np.arange(len(one)))), shape=(size**2, len(one)))
+                                for one in (*entries, (size + 1) * np.arange(size)))
+        return sparse.csr_array(sparse.kron(self.free.T, self.free.T) @ sparse.hstack([ii + jj - ij - ji, each]))
+
+    @cached_property
+    def shares(self) -> sparse.csr_array:
+        """Share of each displacement in the free directions, shape (free, particles * dim)."""
+        return sparse.csr_array(self.free.power(2).T)
 
     def stretch(self, u: NDArray[Any]) -> NDArray[Any]:
         """`C u`: changes of the bond vectors, shape (bonds, dim), from displacements, shape (particles, dim)."""
-        return self.bonds.incidence @ u
+        return (self._products[0] @ u.T.ravel()).reshape(self.dim, -1).T
 
     def gather(self, pulls: NDArray[Any]) -> NDArray[Any]:
         """`C^T f`: forces on the particles from those in the bonds."""
-        return self._transposed[0] @ pulls
+        return (self._products[1] @ pulls.T.ravel()).reshape(self.dim, -1).T
 
     def along(self, forces: NDArray[Any]) -> NDArray[Any]:
         """`P^T f`: forces along the free directions, shape (free,)."""
-        return self._transposed[1] @ forces.ravel()
+        return self._products[2] @ forces.ravel()
 
     def spread(self, y: NDArray[Any]) -> NDArray[Any]:
         """`P y`: displacements, shape (particles, dim), from those along the free directions."""
         return (self.free @ y).reshape(-1, self.dim)
 
-    def within(self, H: NDArray[Any]) -> NDArray[Any]:
-        """`P^T H P` of a dense matrix."""
-        return self._transposed[1] @ (self._transposed[1] @ H).T
-
     def hessian(self, K: NDArray[np.float64], springs: NDArray[np.float64]) -> NDArray[np.float64]:
         """`P^T (C^T K C + k) P`, as a dense matrix: where each of a hundred particles repels fifty others it is nearly full."""
-        n, dim, bonds = len(springs), self.dim, self.bonds
-        pairs, H, each = bonds.i * n + bonds.j, np.zeros((n, dim, n, dim)), np.arange(n)
-        for x in range(dim):
-            for y in range(x, dim):
-                off = np.bincount(pairs, K[:, x, y], n * n).reshape(n, n)
-                off += off.T
-                H[:, x, :, y] -= off
-                H[each, x, each, y] += off.sum(1)
-                H[:, y, :, x] = H[:, x, :, y]
-            H[each, x, each, x] += springs[:, x]
-        return self.within(H.reshape(n * dim, -1))
+        return (self._assembly @ np.concatenate([K.T.ravel(), springs.ravel()])).reshape(self.free.shape[1], -1)
 
 
 @dataclass(eq=False)
@@ -222,13 +225,14 @@ class Rest:
         if law is None:
             return np.stack([stiffness_change(R, axis + 0 * R, self.interaction, self.model) for axis in axes], axis=-1)
         r = lengths_of(R)
-        n, A, dA = R / r[:, None], law.d2phi(r), np.imag(law.d2phi(r + 1j * STEP * r)) / (STEP * r)
+        n, stretched = R.T / r, law.d2phi(r + 1j * STEP * r)
+        A, dA = np.real(stretched), np.imag(stretched) / (STEP * r)
         B = law.dphi(r) / r * (self.model == 'complete')
         dB = (A - B) / r * (self.model == 'complete')
-        nn = np.einsum('bx,by->bxy', n, n)
-        P = axes - nn
-        Pn = np.einsum('b,bxz,by->bxyz', (A - B) / r, P, n)
-        return np.einsum('bxy,bz->bxyz', (dA * nn.T + dB * P.T).T, n) + Pn + Pn.swapaxes(1, 2)
+        nn = n[:, None] * n
+        P = axes[..., None] - nn
+        Pn = (A - B) / r * P[:, None] * n[:, None]
+        return np.moveaxis((dA * nn + dB * P)[:, :, None] * n + Pn + Pn.swapaxes(0, 1), -1, 0)
 
     @cached_property
     def stiffness(self) -> NDArray[np.float64]:
@@ -242,12 +246,12 @@ class Rest:
         if law is None:
             return self.interaction.forces(self.R)[1]
         r = lengths_of(self.R)
-        return (law.dphi(r) / r)[:, None] * self.R
+        return (law.dphi(r) / r * self.R.T).T
 
     @cached_property
     def inertia(self) -> NDArray[np.float64]:
         """Mass along each free direction in g."""
-        return self.frame.free.power(2).T @ np.repeat(self.masses, self.frame.dim)
+        return self.frame.shares @ np.repeat(self.masses, self.frame.dim)
 
     @cached_property
     def spectrum(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -272,11 +276,11 @@ class Rest:
         Rods are cantilevers: their stiffness depends on the frequency.
         """
         def solver():
-            G = self.stiffness.astype(complex, order='F')
-            beyond = self.frame.free.power(2).T @ (self.springs * self.excess(omega)[0]).ravel()
-            G[np.diag_indices(len(G))] += (1j * omega * damping - omega**2) * self.inertia + beyond
-            lu, pivots, _ = linalg.lapack.zgetrf(G, overwrite_a=True)  # pyright: ignore[reportAttributeAccessIssue]  not in stubs
-            return lambda F: linalg.lapack.zgetrs(lu, pivots, F)[0]  # pyright: ignore[reportAttributeAccessIssue]
+            G = self.stiffness.T.astype(complex)  # symmetric: as LAPACK has it in memory
+            beyond = self.springs * self.excess(omega)[0] + (1j * omega * damping - omega**2) * self.masses[:, None]
+            G[np.diag_indices(len(G))] += self.frame.shares @ beyond.ravel()
+            factor, pivots, _ = linalg.lapack.zsytrf(G, lower=True, lwork=64 * len(G), overwrite_a=True)  # pyright: ignore[reportAttributeAccessIssue]  not in stubs
+            return lambda F: linalg.lapack.zsytrs(factor, pivots, F, lower=True)[0]  # pyright: ignore[reportAttributeAccessIssue]
 
         return self.frame.spread(self.once((omega, damping), solver)(self.frame.along(force) + 0j))
 
@@ -308,7 +312,7 @@ def site_slopes(rest: Rest, slope: Slope, at_rest: bool = False) -> dict[str, An
     if not at_rest and abs(along).max() > ROUND_OFF * abs(push).max():  # else nothing moves, by symmetry
         w = frame.spread(rest.statics(along))
         e = frame.stretch(w)
-        left = on - frame.gather((rest.K('complete') @ e[..., None])[..., 0]) - rest.springs * w
+        left = on - frame.gather(np.einsum('bxy,by->bx', rest.K('complete'), e)) - rest.springs * w
         foot = rest.springs * w + left - frame.spread(frame.along(left))
         each = each - (rest.pull * e).sum(1)
     strengths = np.zeros(len(on), each.dtype)

@@ -33,7 +33,7 @@ from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem
 from ..traits import takes
 from .objectives import Objective, soft_minimum, targets_of
-from .scatter import REGULAR, RODS, Frame, Rest, Slope, site_slopes
+from .scatter import REGULAR, RODS, Rest, Slope, site_slopes
 from .sensitivities import force_change, steeper
 
 KINDS = 'strength', 'magnet', 'spring', 'rod', 'mass', 'foot'
@@ -43,8 +43,8 @@ of the mass; and displacements of the foot in mm."""
 ADDED = 'foot', 'exponent'  # fields of Parts that add up; all others are factors
 COMMON = 6  # errors of a whole copy
 NEWTONS, LONGEST = 40, 0.05  # most steps to rest, and the longest one, in shortest bonds
-SETTLED = 1e-12  # last one of Newton's steps to rest, in shortest bonds
-CHORDS, CLOSE = 12, 1e-8  # most steps with the factors of a rest nearby, and the last one: responses are off by as little
+SETTLED = 1e-12  # what the last of Newton's steps to rest leaves at most, in shortest bonds: steps shrink by more each time
+CHORDS, CLOSE = 12, 1e-8  # most steps with the factors of a rest nearby, and what the last of these leaves
 IN_STEPS = 4  # steps in which the parts are brought on where Newton's method alone finds no stable rest
 RESTARTS = 3  # of L-BFGS-B, after it met designs that buckle
 FIRST = 0.05  # standard deviation of the parameters at a start, of half the width of their bounds
@@ -178,11 +178,9 @@ class Structure:
     def __init__(self, atoms: Atoms, rod_mass: float | None = None) -> None:
         self.atoms, self.calc = atoms, repulsion_of(atoms).about(atoms, model='complete')
         self.system = LinearSystem.about(self.calc, atoms).moving()
-        calc, self.shape = self.calc, (len(atoms), self.calc.dim)
-        self.springs = np.broadcast_to(calc.foundation, self.shape)
-        self.masses, self.frame = self.system.masses, Frame(calc.bonds, self.system.free, calc.dim)
-        given = atoms.arrays.get(RODS, 0.0) if rod_mass is None else not_negative('rod_mass', rod_mass, 'g')
-        self.rods = given + 0.0 * self.masses
+        calc, given = self.calc, Rest.of(self.system)
+        self.shape, self.springs, self.masses, self.frame = given.springs.shape, given.springs, given.masses, given.frame
+        self.rods = (given.rods if rod_mass is None else not_negative('rod_mass', rod_mass, 'g')) + 0.0 * self.masses
         law = interaction_along(calc.laws, calc.bonds, calc.reference.get_tags(), calc.strengths, calc.dim).central(calc.dim)
         if law is None:
             raise ValueError('a design needs forces along the bonds between particles; upright magnets that leave their plane '
@@ -208,13 +206,14 @@ class Structure:
     def _rest(self, parts, near, model):
         frame, at = self.frame, self._with(parts, model)
         rest, chord = (at(np.zeros(self.shape)), None) if near is None else (at(near.bent), near.solve)
+        size = SETTLED
         for steps in range(NEWTONS):
             force = frame.along(frame.gather(rest.pull) - rest.spring_forces - self.load)
             solve = chord if chord and steps < CHORDS else _newton(rest)
             step = frame.spread(solve(force))
-            size = abs(step).max() / self.kept
+            last, size = size, abs(step).max() / self.kept
             rest = at(rest.bent - step * min(1, LONGEST / max(size, SETTLED)))
-            if not size > (CLOSE if solve is chord else SETTLED):
+            if not size * min(1, size / last) > (CLOSE if solve is chord else SETTLED):
                 break
         else:
             raise Unstable('no equilibrium is found near the first positions: the structure buckles or slides')
@@ -240,8 +239,8 @@ class Structure:
     def _waves_hold(self, rest):
         """Whether the waves of a periodic cell with q = 0 or 1/2 along each vector are stable."""
         edges = [*product(*((0.0, 0.5) if along else (0.0,) for along in self.atoms.pbc))][1:]
-        return all(_cholesky(self.frame.within(hessian(rest.frame.bonds, rest.K('complete'), rest.springs, q).toarray()))
-                   for q in edges)
+        matrices = (hessian(rest.frame.bonds, rest.K('complete'), rest.springs, q) for q in edges)
+        return all(_cholesky((self.frame.free.T @ H @ self.frame.free).toarray()) for H in matrices)
 
     def refuse_strangers(self, rest: Rest, parts: Parts) -> None:
         """Raise ValueError if a copy brings particles as near as neighbours that have no bond."""
@@ -284,10 +283,10 @@ def _newton(rest):
 
 def _cholesky(H):
     """Solution with a positive definite matrix, or None if it has another eigenvalue."""
-    H = np.array(H, order='F')
-    H[np.diag_indices(len(H))] += REGULAR * (abs(H).max() or 1.0)
-    factor, bad = lapack.dpotrf(H, overwrite_a=True)  # pyright: ignore[reportAttributeAccessIssue]  not in stubs
-    return None if bad else lambda b: lapack.dpotrs(factor, b)[0]  # pyright: ignore[reportAttributeAccessIssue]
+    H = np.array(H.T, order='F')  # symmetric: as LAPACK has it in memory
+    H[np.diag_indices(len(H))] += REGULAR * (abs(H.diagonal()).max() or 1.0)
+    factor, bad = lapack.dpotrf(H, lower=True, clean=False, overwrite_a=True)  # pyright: ignore[reportAttributeAccessIssue]  not in stubs
+    return None if bad else lambda b: lapack.dpotrs(factor, b, lower=True)[0]  # pyright: ignore[reportAttributeAccessIssue]
 
 
 class Variables:
@@ -505,6 +504,7 @@ class _Task:
     model: Model
     tau: float
     buckled: int = 0
+    near: Rest | None = None
 
     def __call__(self, x, draw=None, near=None):
         v, draw = self.variables, draw or Parts()
@@ -517,10 +517,10 @@ class _Task:
     def copies(self, x, errors, rng, draws, scale):
         """The gradient of the soft minimum over copies with errors; copies that buckle are left out."""
         v = self.variables
-        near, found = v.structure.rest(v.parts(x), model=self.model), []
+        self.near, found = v.structure.rest(v.parts(x), self.near, self.model), []
         for _ in range(draws):
             try:
-                found.append(self(x, errors.draw(rng, *v.structure.shape, scale), near))
+                found.append(self(x, errors.draw(rng, *v.structure.shape, scale), self.near))
             except Unstable:
                 self.buckled += 1
         if not found:
@@ -634,15 +634,11 @@ class Verification:
         return dict(sorted(rows.items(), key=lambda row: row[1][0]))
 
 
-def _weakest(values):
-    return np.where(np.isnan(values).any(1), -np.inf, values.min(1))
-
-
 def _reached(values, percent):
     if not_negative('percent', percent) > 100:
         raise ValueError(f'percent must be a number from 0 to 100, not {percent}')
     below = int(len(values) * (1 - percent / 100) + 1e-9)  # copies that may be worse; 80 % of 5 are not 3.999
-    return float(np.sort(_weakest(values))[min(below, len(values) - 1)])
+    return float(np.sort(np.where(np.isnan(values), -np.inf, values).min(1))[min(below, len(values) - 1)])
 
 
 def verify(atoms: Atoms, objective: Objective | Sequence[Objective], errors: Errors, copies: int = 100,

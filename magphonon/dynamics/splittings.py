@@ -8,7 +8,6 @@ belongs to the drift, which is then exact: `u <- u + (1 - e^{-gamma a h})/gamma 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -57,22 +56,21 @@ class Splitting:
         """Times of the kicks after the first, as fractions of a step, shape (stages,)."""
         return np.append(np.cumsum(self.drifts)[:-1], 1.0)
 
-    def beside_verlet(self, x: np.ndarray) -> np.ndarray:
-        """Error of an oscillator with omega h = x in units of Verlet's: x^2/24 in frequency, x^2/8 in the shape of the orbit."""
-        state = np.array([[1 + 0 * x, 0 * x], [0 * x, 1 + 0 * x]])  # columns (u, h v)
-        for kick, drift in zip(self.kicks, (*self.drifts, 0.0), strict=True):
-            state[1] -= kick * x**2 * state[0]
-            state[0] += drift * state[1]
-        frequency = np.arccos((state[0, 0] + state[1, 1]) / 2) / x - 1
-        shape = np.sqrt(-state[1, 0] / state[0, 1]) / x - 1
-        return np.maximum(abs(frequency) * 24, abs(shape) * 8) / x**2
+    def error(self, x: Any, phase: Any) -> Any:
+        """Relative error of an oscillator with omega h = x after `phase` radians; NaN where the method is not stable.
 
-    def error(self, x: Any, phase: float) -> Any:
-        """Relative error of an oscillator with omega h = x after `phase` radians; NaN where the method is not stable."""
+        Verlet errs by x^2/24 in frequency and by x^2/8 in the shape of the orbit; of others, the worse of both counts for both.
+        """
         at = np.maximum(x, EXACT)
+        state = np.array([[1 + 0 * at, 0 * at], [0 * at, 1 + 0 * at]])  # columns (u, h v)
+        for kick, drift in zip(self.kicks, (*self.drifts, 0.0), strict=True):
+            state[1] -= kick * at**2 * state[0]
+            state[0] += drift * state[1]
         with np.errstate(invalid='ignore'):
-            error = self.beside_verlet(at) * at**2 * (x / at) ** self.order * (phase / 24 + 1 / 8)
-        return np.where(x < self.limit, error, np.nan)
+            frequency = np.arccos((state[0, 0] + state[1, 1]) / 2) / at - 1
+            shape = np.sqrt(-state[1, 0] / state[0, 1]) / at - 1
+        worse = np.maximum(abs(frequency) * 24, abs(shape) * 8) * (x / at) ** self.order
+        return np.where(x < self.limit, worse * (phase / 24 + 1 / 8), np.nan)
 
     def longest(self, phase: float, tolerance: float) -> float:
         """Largest omega h at which the `error` of a wave stays below `tolerance` over a phase of `phase` radians."""
@@ -104,29 +102,3 @@ SPLITTINGS = {one.order: one for one in (
                  3.1414, 6.0))}
 """The methods, by the order of their error."""
 EXACT = 0.1  # omega h up to which errors are those of the leading term, and below which round-off would hide them
-ROUND_OFF = 1e-13  # error by round-off in a radian of the fastest wave
-
-
-def step_within(tolerance: float, omega: float, duration: float, frame: float,
-                orders: Sequence[int] = (2, 4, 6)) -> tuple[float, int]:
-    """The time step in ms and the order that meet a tolerance with the fewest evaluations of forces.
-
-    A whole number of these steps makes a frame.
-
-    Parameters
-    ----------
-    tolerance : float
-        Relative error of the motion at the end.
-    omega : float
-        Highest angular frequency, rad/ms.
-    duration, frame : float
-        Time in ms of the whole motion, and between two of its records.
-    orders : sequence of int
-        Orders to choose from.
-    """
-    longest = {order: SPLITTINGS[order].longest(omega * duration, tolerance) for order in orders}
-    counts = {order: int(np.ceil(omega * frame / x)) for order, x in longest.items()}
-    if tolerance < ROUND_OFF * omega * duration:
-        raise ValueError(f'a tolerance of {tolerance:g} is below the round-off of {duration:.6g} ms of motion; take a larger one')
-    order = min(counts, key=lambda order: SPLITTINGS[order].stages * counts[order])
-    return frame / counts[order], order
