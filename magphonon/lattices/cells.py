@@ -30,17 +30,6 @@ def kept(*signature, **options):
 
 
 @njit
-def _sort_end(j, start, end):
-    """Sort the few numbers of j from start to end."""
-    for k in range(start + 1, end):
-        q, m = j[k], k
-        while m > start and j[m - 1] > q:
-            j[m] = j[m - 1]
-            m -= 1
-        j[m] = q
-
-
-@njit
 def _square(points, p, q):
     """Squared distance of two points."""
     return (points[q, 0] - points[p, 0]) ** 2 + (points[q, 1] - points[p, 1]) ** 2 + (points[q, 2] - points[p, 2]) ** 2
@@ -72,9 +61,12 @@ def _in_cells(points, n, reach, low, sides, i, j):
                     q = inside[k]
                     if q > p and _square(points, p, q) <= reach**2:
                         if found < len(i):
-                            i[found], j[found] = p, q
+                            m = found
+                            while m > start and j[m - 1] > q:  # the few of p are sorted
+                                j[m] = j[m - 1]
+                                m -= 1
+                            i[found], j[m] = p, q
                         found += 1
-        _sort_end(j, start, min(found, len(j)))
     return found
 
 

@@ -330,7 +330,7 @@ class PairCalculator(Repulsion):
         if passes and law is not None and self.model == 'complete' and not self._drifts(u):
             pairs = bonds.i, bonds.j, self.bond_vectors.T, np.ascontiguousarray(u.T)
             r = passes.lengths(*pairs)
-            if in_range(bonds, r.min(), r.max()):
+            if in_range(bonds, r):
                 near, far = passes.pulls(*pairs, r, law.dphi(r), law.phi(r) - at_rest)
                 return 0.5 * (near[-1] + far[-1]), (far[:-1] - near[:-1]).T
         vectors, n = self.displaced(u)

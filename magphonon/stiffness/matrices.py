@@ -198,15 +198,6 @@ def stiffness_change(vectors: NDArray[np.float64], change: NDArray[np.float64], 
     return np.imag(model_stiffness(vectors + 1j * STEP * change, law, model)) / STEP
 
 
-def sizes(vectors: NDArray[np.float64], law: Law) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Size of the force of each bond in N and of its stiffness against stretching in N/mm; for a central law |phi'|, |phi''|."""
-    acting = interaction_of(law, vectors.shape[1])
-    if isinstance(acting, Central):
-        r = _lengths(vectors)
-        return abs(acting.law.dphi(r)), abs(acting.law.d2phi(r))
-    return np.linalg.norm(acting.forces(vectors)[1], axis=1), abs(np.einsum('bxx->b', acting.stiffness(vectors)[0]))
-
-
 def upper_part(vectors: NDArray[np.float64], law: Law, model: Model = 'complete') -> NDArray[np.float64]:
     """Upper bound of the stiffness of each bond in N/mm, shape (bonds, dim, dim): its negative eigenvalues are set to zero."""
     acting = interaction_of(law, vectors.shape[1])
@@ -229,27 +220,25 @@ def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64], 
     Raises Diverged for a bond that is squeezed below CONTACT or stretched beyond BROKEN_BOND times its rest length, unless it
     exerts no force there, as between spheres that have parted.
     """
-    vectors = R + moved
-    r0 = lengths_of(R) if model == 'conventional' else 1.0
-    n = (R.T / r0).T if model == 'conventional' else None
-    along = _product(vectors if n is None else n, vectors)
-    nearest = along.min(initial=np.inf)
-    if not nearest > 0:
-        b = along.argmin()
-        apart = along[b] if model == 'conventional' else np.sqrt(along[b])
+    vectors, n = R + moved, None
+    r = lengths_of(vectors)
+    if model == 'conventional':
+        r0 = lengths_of(R)
+        n = (R.T / r0).T
+        r = r0 + _product(n, moved)
+        vectors = (r / r0)[:, None] * R  # R itself at rest, to the last bit
+    if not r.min(initial=np.inf) > 0:
+        b = r.argmin()
         raise ValueError(f'particles {bonds.i[b]} and {bonds.j[b]} coincide or have passed through each other '
-                         f'(distance {apart:g} mm along their bond); start from smaller displacements')
-    if n is not None:
-        vectors = (1 + _product(n, moved) / r0)[:, None] * R  # R itself at rest, to the last bit
-    nearest, farthest = (np.sqrt(r) if n is None else r for r in (nearest, along.max(initial=0.0)))
-    if not in_range(bonds, nearest, farthest):  # some bond may be out of range, so look at each
-        _refuse_far(bonds, np.sqrt(along) if n is None else along, vectors, interaction)
+                         f'(distance {r[b]:g} mm along their bond); start from smaller displacements')
+    if not in_range(bonds, r):  # some bond may be out of range, so look at each
+        _refuse_far(bonds, r, vectors, interaction)
     return vectors, n
 
 
-def in_range(bonds: Bonds, nearest: float, farthest: float) -> bool:
-    """Whether no bond can be squeezed or stretched out of range, if the lengths of all are between these two, in mm."""
-    return bool(CONTACT * bonds.longest < nearest and farthest < BROKEN_BOND * bonds.shortest)
+def in_range(bonds: Bonds, r: NDArray[np.float64]) -> bool:
+    """Whether no bond can be out of range, squeezed or stretched, with the lengths r in mm."""
+    return bool(CONTACT * bonds.longest < r.min(initial=np.inf) and r.max(initial=0.0) < BROKEN_BOND * bonds.shortest)
 
 
 def _refuse_far(bonds, r, vectors, interaction):
