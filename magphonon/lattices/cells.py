@@ -35,9 +35,9 @@ def _square(points, p, q):
     return (points[q, 0] - points[p, 0]) ** 2 + (points[q, 1] - points[p, 1]) ** 2 + (points[q, 2] - points[p, 2]) ** 2
 
 
-@kept()
-def _in_cells(points, n, reach, low, sides, i, j):
-    """Fill i and j with the pairs, ascending, as far as there is room, and return their number."""
+@njit
+def _by_cells(points, reach, low, sides):
+    """The cell of each point, the first of the points in each cell, and the points sorted by cells."""
     own, first = np.empty(len(points), np.int64), np.zeros(sides[0] * sides[1] * sides[2] + 1, np.int64)
     for p in range(len(points)):
         own[p] = 0
@@ -47,10 +47,16 @@ def _in_cells(points, n, reach, low, sides, i, j):
     for c in range(1, len(first)):
         first[c] += first[c - 1]
     place, inside = first.copy(), np.empty(len(points), np.int64)
-    for p in range(len(points)):  # sorted by cells
+    for p in range(len(points)):
         inside[place[own[p]]] = p
         place[own[p]] += 1
-    found = 0
+    return own, first, inside
+
+
+@kept()
+def _in_cells(points, n, reach, low, sides, i, j):
+    """Fill i and j with the pairs, ascending, as far as there is room, and return their number."""
+    (own, first, inside), found = _by_cells(points, reach, low, sides), 0
     for p in range(n):
         start, z, row = found, own[p] % sides[2], own[p] // sides[2]
         y, x = row % sides[1], row // sides[1]
