@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 WIDER = 1 + 1e-9  # cells are wider than the reach by more than round-off, so that pairs are in cells next to each other
 ROOM = 8  # number of pairs of a particle for which there is room at first; a triangular lattice has 3, and 9 to its second shell
 EMPTY = 8  # largest number of cells of each point; scattered points leave more of them empty
-INDICES, ROW = (types.Array(number, 1, 'C', readonly=True) for number in (types.int32, types.float64))
-ROWS, BOTH = types.Array(types.float64, 2, 'C', readonly=True), types.UniTuple(types.float64[:, ::1], 2)
+INDICES, ROWS = types.Array(types.int32, 1, 'C', readonly=True), types.Array(types.float64, 2, 'C', readonly=True)
 
 
 def kept(*signature, **options):
@@ -86,44 +85,7 @@ def differences(i, j, u):
     return found
 
 
-@njit
-def _vector(R, u, i, j, b):
-    """The vector of a pair at displacements u of the particles."""
-    z = R[2, b] + (u[2, j] - u[2, i]) if len(R) == 3 else 0.0
-    return R[0, b] + (u[0, j] - u[0, i]), R[1, b] + (u[1, j] - u[1, i]), z
-
-
-@kept(types.float64[::1](INDICES, INDICES, ROWS, ROWS))
-def lengths(i, j, R, u):
-    """Lengths of pairs of the vectors R, shape (dim, pairs), at displacements u, shape (dim, particles)."""
-    r = np.empty(len(i))
-    for b in range(len(i)):
-        x, y, z = _vector(R, u, i[b], j[b], b)
-        r[b] = np.sqrt(x**2 + y**2 + z**2)
-    return r
-
-
-@kept(BOTH(INDICES, INDICES, ROWS, ROWS, ROW, ROW, ROW))
-def pulls(i, j, R, u, r, slope, energy):
-    """Sums at the particles i, and at the particles j, of the gradients of pairs of the `lengths` r, and of their energies.
-
-    Both have the shape (dim + 1, particles); a gradient is the slope by r along the pair.
-    """
-    dim, particles = u.shape
-    near, far = np.zeros((dim + 1, particles)), np.zeros((dim + 1, particles))
-    for b in range(len(i)):
-        x, y, z = _vector(R, u, i[b], j[b], b)
-        tension = slope[b] / r[b]
-        for sums, p in ((near, i[b]), (far, j[b])):
-            sums[0, p] += tension * x
-            sums[1, p] += tension * y
-            if dim == 3:
-                sums[2, p] += tension * z
-            sums[dim, p] += energy[b]
-    return near, far
-
-
-@kept(BOTH(INDICES, INDICES, ROWS, types.intp))
+@kept(types.UniTuple(types.float64[:, ::1], 2)(INDICES, INDICES, ROWS, types.intp))
 def at_ends(i, j, values, particles):
     """Sums of values, shape (rows, pairs), at the particles i, and at the particles j, both of shape (rows, particles)."""
     near, far = np.zeros((len(values), particles)), np.zeros((len(values), particles))

@@ -22,7 +22,7 @@ from scipy import sparse
 
 from ..errors import Unstable, indices, one_of
 from ..interactions.bond_laws import Laws, checked_laws
-from ..lattices.bonds import Bonds, bonds_of, compiled, image_of, lengths_of, repeat_bonds
+from ..lattices.bonds import Bonds, bonds_of, image_of, lengths_of, repeat_bonds
 from .matrices import (
     BROKEN_BOND,
     MODELS,
@@ -32,7 +32,6 @@ from .matrices import (
     bloch_series,
     displaced,
     hessian,
-    in_range,
     interaction_along,
     model_stiffness,
 )
@@ -308,35 +307,28 @@ class PairCalculator(Repulsion):
         """Constant force `load - k (rest - anchor)` on each particle in N, shape (particles, dim)."""
         return np.asfortranarray(self.load[:, : self.dim] + self.spring_forces)
 
-    def displaced(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-        """Bond vectors at displacements `u` from rest, shape (particles, dim), and directions; see `bond.displaced`."""
+    def displaced(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
+        """Bond vectors at displacements `u` from rest, shape (particles, dim), their lengths and directions; see
+        `matrices.displaced`.
+        """
         moved = self.bonds.relative(u)
-        if self._drifts(u):
+        # As a lattice drifts, its particles reach the next cell one by one: u of two ends may be measured from different images
+        limit = self._shortest_period**2 / 16
+        if limit < np.inf and np.einsum('ix,ix->', u, u) > limit:  # cheaper than the largest u
             moved = self._minimum_image(moved)
         return displaced(self.bonds, self.bond_vectors, moved, self.interaction, self.model)
-
-    def _drifts(self, u):
-        """Whether u of the two ends of a bond may be measured from different images: as a lattice drifts, its particles reach the
-        next cell one by one.
-        """
-        limit = self._shortest_period**2 / 16
-        return limit < np.inf and np.einsum('ix,ix->', u, u) > limit  # cheaper than the largest u
 
     def _pulls(self, u, at_rest=0.0):
         """Sums over the bonds of each particle at displacements u: half of the energies beyond those `at_rest` in mJ, shape
         (particles,), and the gradients by the positions in N, (particles, dim).
         """
-        bonds, law, passes = self.bonds, self.interaction.central(self.dim), compiled(len(u))
-        if passes and law is not None and self.model == 'complete' and not self._drifts(u):
-            pairs = bonds.i, bonds.j, self.bond_vectors.T, np.ascontiguousarray(u.T)
-            r = passes.lengths(*pairs)
-            if in_range(bonds, r):
-                near, far = passes.pulls(*pairs, r, law.dphi(r), law.phi(r) - at_rest)
-                return 0.5 * (near[-1] + far[-1]), (far[:-1] - near[:-1]).T
-        vectors, n = self.displaced(u)
-        energy, gradient = self.interaction.forces(vectors)
-        gradient = gradient if n is None else (gradient * n).sum(axis=1)[:, None] * n
-        return 0.5 * bonds.total(energy - at_rest), bonds.net(gradient)
+        vectors, r, n = self.displaced(u)
+        if (law := self.interaction.central(self.dim)) is None:
+            energy, gradient = self.interaction.forces(vectors)
+            gradient = gradient if n is None else (gradient * n).sum(axis=1)[:, None] * n
+        else:
+            energy, gradient = law.phi(r), (law.dphi(r) / r * vectors.T).T
+        return 0.5 * self.bonds.total(energy - at_rest), self.bonds.net(gradient)
 
     def rest_stiffness(self, model: Model | None = None) -> NDArray[np.float64]:
         """Stiffness of each bond at rest in the given model or the calculator's own, in N/mm, shape (bonds, dim, dim)."""
@@ -384,7 +376,7 @@ class PairCalculator(Repulsion):
 
     def hessian_at(self, u: NDArray[np.float64], part: str = 'all') -> sparse.csr_array:
         """Like `get_hessian`, but at displacements `u` from rest in mm, shape (particles, dim), with `dim` components each."""
-        vectors, _ = self.displaced(u)
+        vectors = self.displaced(u)[0]
         D0, Dstar = self.interaction.stiffness(vectors)
         if self.model == 'conventional':
             Dstar = np.zeros_like(Dstar)

@@ -211,8 +211,9 @@ def upper_part(vectors: NDArray[np.float64], law: Law, model: Model = 'complete'
 
 
 def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64], interaction: PairInteraction,
-              model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """The bond vectors at which an interaction is evaluated, and the directions of its gradient in the conventional model.
+              model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
+    """The bond vectors at which an interaction is evaluated, their lengths, and the directions of its gradient in the
+    conventional model.
 
     In the complete model the vectors are `R + moved`, and the directions are None. In the conventional model the vectors are
     projected on the directions n at rest, and n is returned too.
@@ -227,18 +228,14 @@ def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64], 
         n = (R.T / r0).T
         r = r0 + _product(n, moved)
         vectors = (r / r0)[:, None] * R  # R itself at rest, to the last bit
-    if not r.min(initial=np.inf) > 0:
+    nearest = r.min(initial=np.inf)
+    if not nearest > 0:
         b = r.argmin()
         raise ValueError(f'particles {bonds.i[b]} and {bonds.j[b]} coincide or have passed through each other '
                          f'(distance {r[b]:g} mm along their bond); start from smaller displacements')
-    if not in_range(bonds, r):  # some bond may be out of range, so look at each
-        _refuse_far(bonds, r, vectors, interaction)
-    return vectors, n
-
-
-def in_range(bonds: Bonds, r: NDArray[np.float64]) -> bool:
-    """Whether no bond can be out of range, squeezed or stretched, with the lengths r in mm."""
-    return bool(CONTACT * bonds.longest < r.min(initial=np.inf) and r.max(initial=0.0) < BROKEN_BOND * bonds.shortest)
+    if not (CONTACT * bonds.longest < nearest and r.max(initial=0.0) < BROKEN_BOND * bonds.shortest):
+        _refuse_far(bonds, r, vectors, interaction)  # some bond may be out of range, so look at each
+    return vectors, r, n
 
 
 def _refuse_far(bonds, r, vectors, interaction):
