@@ -154,15 +154,16 @@ def vectors_between(atoms: Atoms, i: NDArray[np.int_], j: NDArray[np.int_], shif
         if shifted:
             np.subtract(place[j] + shift @ atoms.cell.array[:, x], place[i], out=found)
         elif np.ptp(place):
-            found[:] = _differences(place[None], i, j)
+            found[:] = _stretched(*(np.ascontiguousarray(end, np.int32) for end in (i, j)), found[None], place[None])[0]
     return vectors.T
 
 
-def _differences(u, i, j):
-    """Values at j minus those at i, shape (rows, pairs), from u of shape (rows, particles)."""
+def _stretched(i, j, R, u):
+    """Vectors `R + u_j - u_i`, shape (rows, pairs), and their lengths; by NumPy or compiled, the bits are the same."""
     if u.dtype == float and (passes := compiled(u.shape[1])):
-        return passes.differences(*(np.ascontiguousarray(k, np.int32) for k in (i, j)), np.ascontiguousarray(u))
-    return u.take(j, axis=1) - u.take(i, axis=1)
+        return passes.stretched(i, j, np.ascontiguousarray(R), np.ascontiguousarray(u))
+    vectors = R + (u.take(j, axis=1) - u.take(i, axis=1))
+    return vectors, lengths_of(vectors.T)
 
 
 def lengths_of(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -389,26 +390,29 @@ class Bonds:
 
     def relative(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Displacements of the far ends of the bonds relative to the near ones, `C u`, from u of shape (particles, dim)."""
-        return _differences(u.T, self.i, self.j).T  # the bonds last in memory, as of their vectors
+        return self.stretched(np.zeros((len(self), u.shape[1])), u)[0]
+
+    def stretched(self, R: NDArray[np.float64], u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Vectors `R + C u`, shape (bonds, dim), and their lengths, shape (bonds,)."""
+        vectors, r = _stretched(self.i, self.j, R.T, u.T)
+        return vectors.T, r  # the bonds last in memory, as of their vectors at rest
 
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sums `C^T pull` over the bonds: `pull`, shape (bonds, dim), acts on the far ends, and its negative on the near ones."""
-        near, far = self._at_ends(pull)
-        return np.subtract(far, near, order='C')
+        near, far = self.at_ends(pull.T)
+        return np.subtract(far.T, near.T, order='C')
 
     def total(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sums of values, shape (bonds, ...), over all bonds of each particle, shape (particles, ...)."""
-        near, far = self._at_ends(values)
-        return near + far
+        near, far = self.at_ends(values.T.reshape(int(np.prod(values.shape[1:])), len(self)))
+        return (near + far).reshape(*values.T.shape[:-1], self.particles).T
 
-    def _at_ends(self, values):
-        """Sums over the bonds that begin, and over those that end, at each particle; compiled or not, the bits are the same."""
-        rows = np.ascontiguousarray(values.T, float).reshape(int(np.prod(values.shape[1:])), len(self))
+    def at_ends(self, rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Sums of each row, shape (rows, bonds), over the bonds that begin, and over those that end, at each particle."""
         if passes := compiled(self.particles):
-            sums = passes.at_ends(self.i, self.j, rows, self.particles)
-        else:
-            sums = [np.array([np.bincount(end, row, self.particles) for row in rows], float) for end in (self.i, self.j)]
-        return (each.reshape(*values.T.shape[:-1], self.particles).T for each in sums)
+            return passes.at_ends(self.i, self.j, np.ascontiguousarray(rows, float), self.particles)
+        near, far = (np.array([np.bincount(end, row, self.particles) for row in rows], float) for end in (self.i, self.j))
+        return near, far
 
     @cached_property
     def incidence(self) -> sparse.csr_array:

@@ -75,14 +75,15 @@ def _in_cells(points, n, reach, low, sides, i, j):
     return found
 
 
-@kept(types.float64[:, ::1](INDICES, INDICES, ROWS))
-def differences(i, j, u):
-    """Values at j minus those at i, shape (rows, pairs), from u of shape (rows, particles)."""
-    found = np.empty((len(u), len(i)))
+@kept(types.Tuple((types.float64[:, ::1], types.float64[::1]))(INDICES, INDICES, ROWS, ROWS))
+def stretched(i, j, R, u):
+    """Vectors `R + u_j - u_i` of pairs, shape (rows, pairs), and their lengths, from u of shape (rows, particles)."""
+    vectors, squares = np.empty((len(u), len(i))), np.zeros(len(i))
     for x in range(len(u)):
         for b in range(len(i)):
-            found[x, b] = u[x, j[b]] - u[x, i[b]]
-    return found
+            vectors[x, b] = R[x, b] + (u[x, j[b]] - u[x, i[b]])
+            squares[b] += vectors[x, b] ** 2
+    return vectors, np.sqrt(squares)
 
 
 @kept(types.UniTuple(types.float64[:, ::1], 2)(INDICES, INDICES, ROWS, types.intp))

@@ -311,12 +311,11 @@ class PairCalculator(Repulsion):
         """Bond vectors at displacements `u` from rest, shape (particles, dim), their lengths and directions; see
         `matrices.displaced`.
         """
-        moved = self.bonds.relative(u)
+        R, limit = self.bond_vectors, self._shortest_period**2 / 16
         # As a lattice drifts, its particles reach the next cell one by one: u of two ends may be measured from different images
-        limit = self._shortest_period**2 / 16
         if limit < np.inf and np.einsum('ix,ix->', u, u) > limit:  # cheaper than the largest u
-            moved = self._minimum_image(moved)
-        return displaced(self.bonds, self.bond_vectors, moved, self.interaction, self.model)
+            R, u = R + self._minimum_image(self.bonds.relative(u)), 0 * u
+        return displaced(self.bonds, *self.bonds.stretched(R, u), self.interaction, self.model)
 
     def _pulls(self, u, at_rest=0.0):
         """Sums over the bonds of each particle at displacements u: half of the energies beyond those `at_rest` in mJ, shape
@@ -328,7 +327,8 @@ class PairCalculator(Repulsion):
             gradient = gradient if n is None else (gradient * n).sum(axis=1)[:, None] * n
         else:
             energy, gradient = law.phi(r), (law.dphi(r) / r * vectors.T).T
-        return 0.5 * self.bonds.total(energy - at_rest), self.bonds.net(gradient)
+        near, far = self.bonds.at_ends(np.vstack([gradient.T, energy - at_rest]))
+        return 0.5 * (near[-1] + far[-1]), (far[:-1] - near[:-1]).T
 
     def rest_stiffness(self, model: Model | None = None) -> NDArray[np.float64]:
         """Stiffness of each bond at rest in the given model or the calculator's own, in N/mm, shape (bonds, dim, dim)."""

@@ -210,23 +210,22 @@ def upper_part(vectors: NDArray[np.float64], law: Law, model: Model = 'complete'
     return ((along - across) * n[:, None] * n + across * np.eye(len(n))[..., None]).T
 
 
-def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64], interaction: PairInteraction,
+def displaced(bonds: Bonds, vectors: NDArray[np.float64], r: NDArray[np.float64], interaction: PairInteraction,
               model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
     """The bond vectors at which an interaction is evaluated, their lengths, and the directions of its gradient in the
     conventional model.
 
-    In the complete model the vectors are `R + moved`, and the directions are None. In the conventional model the vectors are
-    projected on the directions n at rest, and n is returned too.
+    In the complete model these are the given vectors and lengths, and the directions are None. In the conventional model the
+    vectors are projected on the directions n at rest, and n is returned too.
 
     Raises Diverged for a bond that is squeezed below CONTACT or stretched beyond BROKEN_BOND times its rest length, unless it
     exerts no force there, as between spheres that have parted.
     """
-    vectors, n = R + moved, None
-    r = lengths_of(vectors)
+    n = None
     if model == 'conventional':
-        r0 = lengths_of(R)
+        R, r0 = bonds.vectors[:, : vectors.shape[1]], bonds.lengths
         n = (R.T / r0).T
-        r = r0 + _product(n, moved)
+        r = r0 + _product(n, vectors - R)
         vectors = (r / r0)[:, None] * R  # R itself at rest, to the last bit
     nearest = r.min(initial=np.inf)
     if not nearest > 0:
