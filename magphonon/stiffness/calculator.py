@@ -322,12 +322,15 @@ class PairCalculator(Repulsion):
         (particles,), and the gradients by the positions in N, (particles, dim).
         """
         vectors, r, n = self.displaced(u)
-        if (law := self.interaction.central(self.dim)) is None:
+        law, rows = self.interaction.central(self.dim), np.empty((self.dim + 1, len(r)))
+        if law is None:
             energy, gradient = self.interaction.forces(vectors)
-            gradient = gradient if n is None else (gradient * n).sum(axis=1)[:, None] * n
+            rows[:-1] = gradient.T if n is None else (gradient * n).sum(axis=1) * n.T
         else:
-            energy, gradient = law.phi(r), (law.dphi(r) / r * vectors.T).T
-        near, far = self.bonds.at_ends(np.vstack([gradient.T, energy - at_rest]))
+            energy = law.phi(r)
+            np.multiply(law.dphi(r) / r, vectors.T, out=rows[:-1])
+        np.subtract(energy, at_rest, out=rows[-1])
+        near, far = self.bonds.at_ends(rows)
         return 0.5 * (near[-1] + far[-1]), (far[:-1] - near[:-1]).T
 
     def rest_stiffness(self, model: Model | None = None) -> NDArray[np.float64]:

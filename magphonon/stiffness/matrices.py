@@ -25,7 +25,7 @@ from scipy.linalg import eigh
 
 from ..errors import Diverged, one_of
 from ..interactions.bond_laws import Law, Laws, laid, laws_along
-from ..lattices.bonds import Bonds, lengths_of
+from ..lattices.bonds import Bonds
 from .sites import Foundation, each_spring
 
 if TYPE_CHECKING:
