@@ -18,7 +18,7 @@ from scipy.linalg import expm
 from ..interactions.bond_laws import labels, taken
 from ..lattices.bonds import lengths_of
 from ..stiffness.calculator import PairCalculator
-from ..stiffness.matrices import GROWS, hermitian_eigenvalues, own_stiffness, upper_part
+from ..stiffness.matrices import GROWS, hermitian_eigenvalues, upper_part
 from ..stiffness.rest import LinearSystem, components, freedom, static_forces
 from ..stiffness.sites import out_of_plane, refuse_motion_out_of_the_plane
 from ..traits import LINEAR, takes
@@ -155,7 +155,7 @@ def particle_bound(system: LinearSystem, u: NDArray[np.float64] | None = None) -
     calc, masses = system.calc, system.masses
     k = np.broadcast_to(calc.foundation, (len(masses), calc.dim)).max(axis=1)
     vectors = calc.bond_vectors if u is None else calc.displaced(u)[0]
-    own = own_stiffness(calc.bonds, upper_part(vectors, calc.interaction, calc.model))
+    own = calc.bonds.total(upper_part(vectors, calc.interaction, calc.model))
     squares = (k + 2 * hermitian_eigenvalues(own)[:, -1]) / masses
     return np.sqrt(squares[system.mobile].max(initial=0.0))
 
@@ -259,7 +259,7 @@ class Blocks:
         self._rate = damping.max() if splitting.stages > 1 else 0.0  # the same for all particles: it acts in the drifts
         self._half = half_step(damping - self._rate, calc.rate, self._guided, self._barred, dt)
         self._sort_bonds()
-        self._level, self._rough, self._law, self._pool = 0, -1.0, None, None
+        self._level, self._rough, self._dtype, self._law, self._pool = 0, -1.0, np.float64, None, None
         self.cages = Cages(atoms)
         self._read()
 
@@ -484,8 +484,7 @@ class Blocks:
         self._anchors = np.subtract(self.atoms.positions.T[:dim], u.T, order='C')
         v = self._mobile * self.atoms.get_momenta()[:, :dim] / self._masses[:, None]
         v[self._guided] -= np.einsum('gxy,gy->gx', self._barred, v[self._guided])
-        dtype = np.float64 if self._law is None else self._dtype
-        self._state, self._spare = aligned_zeros((2, 3, dim, self._wide), dtype)
+        self._state, self._spare = aligned_zeros((2, 3, dim, self._wide), self._dtype)
         self._state[0][:, self._at], self._state[1][:, self._at] = u.T, v.T
         self._spare[:] = self._state  # displacements, velocities, and room for other displacements
         self._extent = [np.sqrt(dim) * largest(x) for x in (u, v)]  # bounds of the largest displacement and speed
