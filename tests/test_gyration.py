@@ -69,11 +69,14 @@ def test_orders_above_two_are_refused_when_anything_turns():
     patch = hill(1.0)
     with pytest.raises(ValueError, match='a step of order 4 or 6 does not support particles that gyrate'):
         DrivenVerlet(patch, 0.01, order=4)
-    patch.calc.set(gyration=0.0)
-    dyn = DrivenVerlet(patch, 0.01, order=4)
-    patch.calc.set(gyration=1.0)
-    with pytest.raises(ValueError, match='does not support particles that gyrate'):
+    for asked, later in ({'order': 4}, 'does not support particles that gyrate'), ({'tolerance': 1e-6}, 'take steps of at most'):
+        patch.calc.set(gyration=0.0)
+        dyn = DrivenVerlet(patch, 0.1, **asked)
         dyn.run(1)
+        assert dyn.splitting.order == 4
+        patch.calc.set(gyration=1.0)
+        with pytest.raises(ValueError, match=later):
+            dyn.run(1)
 
 
 def honeycomb(g, k=6.0, rows=None):

@@ -25,7 +25,7 @@ from ..traits import LINEAR, takes
 from .bond_increments import RANGES, TOLERANCE, Increments
 from .cages import Cages
 from .drives import Constant, constant_push, forces_and_walls
-from .memory_layout import LINE, aligned_zeros, arrange, runs_of
+from .memory_layout import LINE, RUN, aligned_zeros, arrange, runs_of
 from .splittings import SPLITTINGS, Splitting
 
 LAW_SHARE = 0.1
@@ -247,10 +247,12 @@ class Blocks:
         self._load = static if static.any() else None
 
         self.layout = layout = arrange(calc.reference, calc.bonds, calc.dim)
-        self._pad = 0 if layout.offset is None else int(layout.offset.max() + -layout.offset.max() % LINE)
-        self._at, self._wide = layout.slot + self._pad, layout.length + self._pad + 3 * LINE
+        self._at, self._wide = layout.slot, layout.length + 3 * LINE
         self._runs = runs_of(self._at).astype(np.uint64)
-        self._parts = np.linspace(0, len(self._runs), max(1, min(threads, len(self._runs))) + 1).astype(int)
+        borders = np.linspace(0, len(self._runs), max(1, min(threads, len(self._runs))) + 1).astype(int)
+        highest = np.uint64(0 if layout.offset is None else layout.offset[-1])
+        from_where = np.searchsorted(self._runs[:, 1] + highest, self._runs[borders[:-1], 0], side='right')
+        self._parts = list(zip(from_where.tolist(), borders[:-1].tolist(), borders[1:].tolist(), strict=True))
         size, directions = np.linalg.eigh(self._barred)
         away = size > 0.5  # a projector has the eigenvalues 0 and 1
         self._normals = np.repeat(self._guided, away.sum(axis=1)), directions.transpose(0, 2, 1)[away][None]
@@ -265,7 +267,7 @@ class Blocks:
 
     def _put(self, values):
         """Values of the slots, shape (..., slots), zero in empty ones, from those of the particles, shape (particles, ...)."""
-        slots = aligned_zeros((*values.shape[1:], self._wide), values.dtype)
+        slots = aligned_zeros((*values.shape[1:], self._wide), self._dtype)
         slots[..., self._at] = np.moveaxis(values, 0, -1)
         return slots
 
@@ -275,8 +277,8 @@ class Blocks:
         r0, label = lengths_of(layout.R), labels(calc.law, len(calc.bonds))[layout.bond]
         self._alike = layout.offset is not None
         if layout.offset is not None:
-            first = np.array([(layout.group == g).argmax() for g in range(len(layout.offset))])
-            kind = layout.group
+            first = np.array([(layout.column == n).argmax() for n in range(len(layout.offset))])
+            kind = layout.column
             off = abs(layout.R - layout.R[first][kind]).max() > SAME_VECTOR * r0.min()
             self._alike = not off and bool((label == label[first][kind]).all())
         if not self._alike:
@@ -287,64 +289,52 @@ class Blocks:
         self._increments = Increments(taken(calc.law, example), calc.model, r0[first])
         self._factors = None if self._alike else self._increments.factors
 
-    def _bonds_of(self, dtype):
+    def _each(self, values):
+        """Values of the bonds, shape (..., bonds), at their slots, shape (..., columns, slots)."""
+        column, i = self.layout.column, self.layout.i
+        rows = aligned_zeros((*values.shape[:-1], int(column.max()) + 1, self._wide), self._dtype)
+        rows[..., column, i] = values
+        return rows
+
+    def _bonds(self):
+        """The bonds for the kernel, without their law."""
         from .kernel import Bonds
 
-        layout, law, kind = self.layout, self._increments, self._kind
-        if layout.offset is not None:  # both ends of a bond read the same numbers
-            place, count, ends = (layout.group, layout.i + self._pad), len(layout.offset), 1
-            near = layout.offset.astype(np.uint64)
+        layout, law, kind, offset = self.layout, self._increments, self._kind, self.layout.offset
+        S, q, g = 2 * layout.R.T / law.r0[kind] ** 2, (self.calc.model == 'complete') / law.r0**2, law.g
+        there = self._each(np.ones(len(kind)))
+        if offset is None:
+            near = np.tile(np.arange(self._wide, dtype=np.uint32), (len(there), 1))  # a missing bond leads to its own slot
+            near[layout.column, layout.i] = layout.j
         else:
-            *place, far = layout.columns()
-            count, ends = int(place[0].max(initial=-1)) + 1, 2
-            near = np.tile(np.arange(self._wide, dtype=np.uint32), (count, 1))  # a missing bond leads to its own slot
-            near[tuple(place)] = far
+            near = offset.astype(np.uint64)
+        if not self._alike:
+            factors = 1 if self._factors is None else (self._factors * (law.r0 / law.r0[0]) ** 2)[kind]
+            return Bonds(near, self._each(S), self._each(q[kind]), self._each(g[kind]), self._each(factors * np.ones(len(kind))))
+        mine = self._at[self._mobile[:, 0]]
+        whole = all(row[mine].all() and row[mine - o].all() for row, o in zip(there, offset, strict=True))  # pyright: ignore
+        return Bonds(near, *(np.ascontiguousarray(x, self._dtype) for x in (S[:, self._first], q, g)), None if whole else there)
 
-        def each(values, back=1):
-            """Values of the bonds, shape (..., bonds), at their slots."""
-            rows = aligned_zeros((*values.shape[:-1], count, self._wide), dtype)
-            rows[..., *place] = np.concatenate([values, back * values][:ends], axis=-1)
-            return rows
-
-        self._at_bonds = each
-        longest = int(np.ptp(self._runs, axis=1).max())
-        room = longest * (1 + -(-self._pad // longest))
-        self._pulls = [aligned_zeros((count if ends == 1 else 1, self.calc.dim, room), dtype) for _ in self._parts[1:]]
-        of, q, g = self._first if self._alike else np.s_[:], (self.calc.model == 'complete') / law.r0**2, law.g
-        S = 2 * layout.R[of].T / law.r0[kind[of]] ** 2
-        if self._alike:
-            S, q, g = (np.ascontiguousarray(x, dtype) for x in (S, q, g))
-            strength, mine = each(np.ones(len(layout.i))), self._at[self._mobile[:, 0]]
-            if all(row[mine].all() and row[mine - offset].all() for row, offset in zip(strength, layout.offset, strict=True)):  # pyright: ignore
-                strength = None  # no bond is missing
-        else:
-            S, q, g = each(S, -1), each(q[kind]), each(g[kind])
-            strength = each(np.ones(len(kind)) if self._factors is None else (self._factors * (law.r0 / law.r0[0]) ** 2)[kind])
-        return Bonds(near, S, q, g, strength)
-
-    def _sites_of(self, dtype):
+    def _sites(self):
+        """What acts on the slots, for the kernel."""
         from .kernel import Sites
-
-        def put(values):
-            """Values of the particles, shape (particles, ...), in their slots."""
-            return self._put(np.asarray(values).astype(dtype))
 
         d, mobility = self._half[:, None], self._mobile / self._masses[:, None]
         decay, self._push = np.hstack([d, d * d, d]), np.hstack([1 + 0 * d, (1 + d * d) / 2, d]) * mobility
-        turns = put(np.imag(np.stack([decay, self._push], axis=1))) if np.iscomplexobj(d) else None
-        return Sites(put(np.broadcast_to(self.calc.foundation, (len(d), self.calc.dim))),
-                     None if self._load is None else put(self._load), put(np.real(decay)), put(np.real(self._push)), turns)
+        turns = self._put(np.stack([decay, self._push], axis=1).imag) if np.iscomplexobj(d) else None
+        springs = np.broadcast_to(self.calc.foundation, (len(d), self.calc.dim))
+        load = None if self._load is None else self._put(self._load)
+        return Sites(self._put(springs), load, self._put(decay.real), self._put(self._push.real), turns)
 
     def _flow_of(self, stages):
         """Factors (keep, kick, drift) of the stages of a block, in which the last kick of a step and the next share one."""
-        if stages in self._flows:
-            return self._flows[stages]
-        h, one = self.dt, self._splitting
-        drifts, damped = one.flow(h, self._rate)
-        kicks = h * np.array([*one.kicks[1:-1], one.kicks[-1] + one.kicks[0]])
-        between = np.tile(np.column_stack([damped, kicks, np.roll(drifts, -1)]), (stages // len(drifts), 1))
-        first, last = [1.0, h * one.kicks[0], drifts[0]], [damped[-1], h * one.kicks[-1], 0.0]
-        self._flows[stages] = np.vstack([first, between[: stages - 2], last]).astype(self._dtype)
+        if stages not in self._flows:
+            h, one = self.dt, self._splitting
+            drifts, damped = one.flow(h, self._rate)
+            kicks = h * np.array([*one.kicks[1:-1], one.kicks[-1] + one.kicks[0]])
+            between = np.tile(np.column_stack([damped, kicks, np.roll(drifts, -1)]), (stages // len(drifts), 1))
+            first, last = [1.0, h * one.kicks[0], drifts[0]], [damped[-1], h * one.kicks[-1], 0.0]
+            self._flows[stages] = np.vstack([first, between[: stages - 2], last]).astype(self._dtype)
         return self._flows[stages]
 
     def use(self, rough: float = 0.0) -> None:
@@ -353,30 +343,32 @@ class Blocks:
         The law gets only as many coefficients as this error requires, and steps may be in single precision.
         """
         if rough != self._rough:
-            self._rough, self._dtype = rough, (dtype := np.float32 if rough >= SINGLE else np.float64)
-            self._given, self._laws, self._flows = (self._bonds_of(dtype), self._sites_of(dtype)), {}, {}
+            self._rough, self._dtype = rough, np.float32 if rough >= SINGLE else np.float64
+            self._given, self._flows = (self._bonds(), self._sites()), {}
+            self._pulls = [[tuple(aligned_zeros((self.calc.dim, n), self._dtype)) for n in (self._wide, RUN)]
+                           for _ in self._parts]
             nothing = np.zeros(0, int), np.zeros((1, 0, self.calc.dim))
-            self._special = self._some(*nothing), self._some(*self._normals), self._some(*nothing)
-            if self._state.dtype != dtype:
-                before, (self._state, self._spare) = self._state, aligned_zeros((2, *self._state.shape), dtype)
+            self._special = [self._some(*of) for of in (nothing, self._normals, nothing)]
+            if self._state.dtype != self._dtype:
+                before, (self._state, self._spare) = self._state, aligned_zeros((2, *self._state.shape), self._dtype)
                 self._state[:] = before
                 self.write()  # otherwise the atoms would seem to have been changed
             self._fit(self._level)
 
     def _fit(self, level):
         """Take the law for increments up to RANGES[level]; returns whether there is one."""
-        if level not in self._laws:
-            law, c = self._increments, None
+        law, self._level, self._law = self._increments, level, None
+        if self._factors is not None:
+            law = Increments(taken(law.potential, np.zeros(1, int)), law.model, law.r0[:1])
+        with np.errstate(over='ignore', invalid='ignore'):
+            c = law.polynomial(RANGES[level], max(TOLERANCE, LAW_SHARE * self._rough)) if level < len(RANGES) else None
+        if c is not None:
+            c *= law.r0**2 / 2
             if self._factors is not None:
-                law = Increments(taken(law.potential, np.zeros(1, int)), law.model, law.r0[:1])
-            with np.errstate(over='ignore', invalid='ignore'):
-                if level < len(RANGES):
-                    c = law.polynomial(RANGES[level], max(TOLERANCE, LAW_SHARE * self._rough))
-            if c is not None:
-                c *= law.r0**2 / 2
-                c = c.astype(self._dtype) if self._alike or self._factors is not None else self._at_bonds(c[:, self._kind])
-            self._laws[level] = c
-        self._level, self._law = level, self._laws[level]
+                c = np.repeat(c, len(self._given[0].near), axis=1)
+            elif not self._alike:
+                c = self._each(c[:, self._kind])
+            self._law = tuple(c.astype(self._dtype))
         return self._law is not None
 
     # --- steps ------------------------------------------------------------------------------------------------------------
@@ -407,10 +399,8 @@ class Blocks:
         return True
 
     def _some(self, particles, values):
-        """Values of some particles, shape (stages, particles, dim), for the kernel."""
-        from .kernel import Some
-
-        return Some(self._at[particles].astype(np.uint64), np.ascontiguousarray(values, self._dtype))
+        """Slots of some particles, and their values, shape (stages, particles, dim), for the kernel."""
+        return self._at[particles].astype(np.uint64), np.ascontiguousarray(values, self._dtype)
 
     def _pushes(self, times):
         """Changes of the velocities of driven particles by unit kicks, shape (stages, particles, dim)."""
@@ -430,26 +420,21 @@ class Blocks:
             course = self._walls.forces(np.append(times[1:], times[-1]))
             led = self._some(self._walls.particles, components(course, self.calc.dim))
         self._spare[:2] = self._state[:2]
-        u, v, w = map(tuple, self._spare)
-        bonds, sites = self._given
-        parts = list(zip(self._parts, self._parts[1:], strict=False))
+        (u, v, w), (bonds, sites), parts = map(tuple, self._spare), self._given, self._parts
+        bonds = bonds._replace(c=self._law)
         if alone := len(parts) == 1 and self.layout.offset is not None:
             w = u  # no slot is read after it has moved
-        columns, terms = (None,) * len(bonds.near) * (bonds.near.ndim == 1), (None,) * len(self._law)  # pyright: ignore
         flow, reach = self._flow_of(len(times)), self._dtype(RANGES[self._level])
 
-        def work(me, part, some, whole):
-            return stages(u, w, v, self._pulls[me], bonds, self._law, columns, terms, sites, flow, reach, self._runs,
-                          part, np.uint64(self._pad), pushed, guided, led, some, whole)
+        def work(pulls, part, some):
+            return stages(u, w, v, *pulls, bonds, sites, flow, reach, self._runs, part, pushed, guided, led, some)
 
         if len(parts) == 1:
-            beyond = work(0, parts[0], (0, len(times)), True)
+            beyond = work(self._pulls[0], parts[0], (0, len(times)))
         else:
-            self._pool, beyond = self._pool or ThreadPoolExecutor(len(parts)), False
-            for n in range(len(times)):
-                now = [(n, n + 1)] * len(parts), [False] * len(parts)
-                beyond |= any(list(self._pool.map(work, range(len(parts)), parts, *now)))
-                work(0, (0, 0), (n, n + 1), True)
+            self._pool = self._pool or ThreadPoolExecutor(len(parts))
+            together = [list(self._pool.map(work, self._pulls, parts, [(n, n + 1)] * len(parts))) for n in range(len(times))]
+            beyond = any(map(any, together))
         if len(times) % 2 and not alone:
             self._spare[0] = self._spare[2]
         return beyond
@@ -496,17 +481,14 @@ class Blocks:
 
     def _read(self):
         dim, u = self.calc.dim, self.calc.displacements(self.atoms)
-        anchors = np.subtract(self.atoms.positions.T[:dim], u.T, order='C')
-        self._take(u, self.atoms.get_momenta()[:, :dim] / self._masses[:, None], anchors)
-
-    def _take(self, u, v, anchors):
-        v = self._mobile * v
+        self._anchors = np.subtract(self.atoms.positions.T[:dim], u.T, order='C')
+        v = self._mobile * self.atoms.get_momenta()[:, :dim] / self._masses[:, None]
         v[self._guided] -= np.einsum('gxy,gy->gx', self._barred, v[self._guided])
         dtype = np.float64 if self._law is None else self._dtype
-        self._state, self._spare = aligned_zeros((2, 3, u.shape[1], self._wide), dtype)
-        self._state[0], self._state[1], self._anchors = self._put(u.astype(dtype)), self._put(v.astype(dtype)), anchors
+        self._state, self._spare = aligned_zeros((2, 3, dim, self._wide), dtype)
+        self._state[0][:, self._at], self._state[1][:, self._at] = u.T, v.T
         self._spare[:] = self._state  # displacements, velocities, and room for other displacements
-        self._extent = [np.sqrt(u.shape[1]) * largest(x) for x in (u, v)]  # bounds of the largest displacement and speed
+        self._extent = [np.sqrt(dim) * largest(x) for x in (u, v)]  # bounds of the largest displacement and speed
         level = int(np.searchsorted(RANGES, self._strain(u)))  # no kernel is made for less, as compiling takes its time
         if self._rough < 0:
             self._level = level

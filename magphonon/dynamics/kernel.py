@@ -1,10 +1,11 @@
 """Stages of time steps on displacements from rest, compiled by numba for what a structure has.
 
-A stage is a kick and the drift that follows it.  It goes over the slots in runs.  On a grid it first keeps the forces of the
-bonds that lead to higher slots in h, a buffer of the last of them; then each slot sums the forces of its bonds from there.  Where
-neighbours are looked up, each slot computes the forces of all of its bonds, and h is their sum.  A stage reads displacements u
-and writes those after the drift into w; then u and w change places.  One thread on a grid takes u for both: no slot is read after
-it has moved, and a second row would take a fifth of the time.
+A stage is a kick and the drift that follows it.  It goes over the slots in runs, and in a run over the columns of bonds.  On a
+grid the bonds of a column lead to slots at a constant offset above: each is evaluated once, and its force is added to h at both
+ends, at the far end in a second loop, because two slots must not write to one place in vector units.  Where neighbours are looked
+up, each slot evaluates all of its bonds.  Then all forces on the slots of the run are known, and it moves.  A stage reads
+displacements u and writes those after the drift into w; then u and w change places.  One thread on a grid takes u for both: no
+slot is read after it has moved, and a second row would take a fifth of the time.
 
     F = load - k u + sum_bonds (W S + (g + 2 q W) du)     W = s e (c0 + c1 e + ...)      e = (S + q du).du
     v <- keep C v + kick P F        w <- u + drift v
@@ -12,12 +13,12 @@ it has moved, and a second row would take a fifth of the time.
 This is the law of `bond_increments` with S = 2 R/r0^2, q = t/r0^2 and W = H r0^2/2, which take the fewest registers.  C and P are
 the damping, the gyration and the mobility of each slot; P is zero for held particles.  Runs have
 fixed borders, since what vector units leave over is rounded differently: results are the same bit by bit for any number of
-threads, each of which has its own runs.
+threads, each of which has its own runs, and evaluates the bonds that lead into them from the runs before.
 
-`piece` is written out as text for the types of its arguments: loops over the offsets of a grid, over coefficients and over
-dimensions are unrolled, and what few structures have is left out of the code of the others.  Each of these types takes seconds to
-compile, so they are few.  The text contains no literal numbers (`R + R` instead of `2 * R`), whose type would convert all others
-to double precision.  Indices are unsigned, as numba checks signed ones for -1, which keeps loops out of vector units.
+`piece` is written out as text for the types of its arguments: loops over coefficients and dimensions are unrolled, and what few
+structures have is left out of the code of the others.  Each of these types takes seconds to compile, so they are few.  The text
+contains no literal numbers (`R + R` instead of `2 * R`), whose type would convert all others to double precision.  Indices are
+unsigned, as numba checks signed ones for -1, which keeps loops out of vector units.
 """
 
 from __future__ import annotations
@@ -95,6 +96,8 @@ class Bonds(NamedTuple):
         1/r0^2 and the static force by length, both zero where bonds do not turn; (columns, slots) if each bond has its own.
     strength : ndarray, shape (columns, slots), or None
         Factors of the law of each bond; or if the bonds of a column are alike, 0 where one is missing and 1 elsewhere.
+    c : tuple of ndarray, shape (columns,)
+        Coefficients of the law; (columns, slots) if each bond has its own.
     """
 
     near: np.ndarray
@@ -102,6 +105,7 @@ class Bonds(NamedTuple):
     q: np.ndarray
     g: np.ndarray
     strength: np.ndarray | None
+    c: tuple[np.ndarray, ...] = ()
 
 
 class Sites(NamedTuple):
@@ -126,17 +130,6 @@ class Sites(NamedTuple):
     turns: np.ndarray | None
 
 
-class Some(NamedTuple):
-    """Some slots, and numbers of each.
-
-    These are changes of velocities by unit kicks in mm/ms or places of walls in mm, shape (stages, slots, dim), or directions
-    that are barred to guided particles, shape (1, slots, dim).
-    """
-
-    slots: np.ndarray
-    values: np.ndarray
-
-
 def bits(x):
     """The bits of x, which is not negative, as an integer: these sort like x, and vector units can compute their maximum."""
 
@@ -148,9 +141,9 @@ def _bits(x):
     return lambda x: np.float64(x).view(np.int64)
 
 
-def piece(u, w, v, h, bonds, c, columns, terms, sites, row, keep, kick, drift, reach, lo, hi, base, own):
-    """Do a stage for the slots from lo to hi, or only their bonds if they are not `own`; returns whether an increment is beyond
-    the reach of the law.
+def piece(u, w, v, h, r, bonds, sites, flow, row, reach, lo, hi, own):
+    """Evaluate the bonds of the slots from lo to hi, and move these slots if they are `own`; returns whether an increment is
+    beyond the reach of the law.
     """
 
 
@@ -159,129 +152,90 @@ def there(kind):
     return not isinstance(kind, types.NoneType)
 
 
-def bond(axes, bonds, c, terms):
-    """The lines of text that name what belongs to the column n, and those that compute the force p of its bond of the slot i."""
-    near, S, *_, strength = bonds
-    at, of_law = '[i]' * (S.ndim == 3), '[i]' * (c.ndim == 3)
-    s = 's[i] * ' * there(strength)
-    quotient = reduce(lambda higher, m: f'({higher} * e + c{m}{of_law})', reversed(range(terms - 1)), f'c{terms - 1}{of_law}')
-    named = ['o, q, g = near[n], bonds.q[n], bonds.g[n]', *['s = bonds.strength[n]'] * there(strength),
-             *(f'S{x} = bonds.S[{x}, n]' for x in axes), 'm = min(n, len(c[zero]) - 1)',
-             *(f'c{m} = c[{m}, m]' for m in range(terms))]
-    return named, [f'j = {"i + o" if near.ndim == 1 else "o[i]"}', *(f'd{x} = {s * (not at)}(u{x}[j] - x{x})' for x in axes),
-                   f'e = {" + ".join(f"(S{x}{at} + q{at} * d{x}) * d{x}" for x in axes)}', f'W = {s * bool(at)}e * {quotient}',
-                   f'G = g{at} + (q{at} + q{at}) * W', *(f'p{x} = W * S{x}{at} + G * d{x}' for x in axes),
-                   'top = max(top, bits(abs(e)))']
-
-
-def kicked(axes, turns):
-    """The lines of text that kick and drift."""
-    lines = [f'a{x} = keep * C[row, i] * v{x}[i] + kick * P[row, i] * f{x}' for x in axes]
-    if turns:
-        lines = ['cr, ci, pr, pi = keep * C[row, i], keep * T[0, row, i], kick * P[row, i], kick * T[1, row, i]',
-                 'a0 = cr * v0[i] - ci * v1[i] + (pr * f0 - pi * f1)', 'a1 = cr * v1[i] + ci * v0[i] + (pr * f1 + pi * f0)']
-    return [*lines, *(f'v{x}[i] = a{x}; w{x}[i] = x{x} + drift * a{x}' for x in axes)]
-
-
 def over_slots(*lines):
     """The loop of text that runs these lines for each slot i."""
     return ['for i in range(lo, hi):', *(f'    {line}' for line in lines)]
 
 
-def bond_by_bond(axes, grid, here, on_site, pulls):
-    """The lines of text that keep the forces of bonds in h: of each column on a grid; else their sum, with that of the site."""
-    named, computed = pulls
-    start = [] if grid else over_slots(here, *on_site, *(f'h[zero, {x}, i - base] = f{x}' for x in axes))
-    named = named + [f'h{x} = h[{"n" if grid else "zero"}, {x}]' for x in axes]
-    column = named + over_slots(here, *computed, *(f'h{x}[i - base] {"-" * (not grid)}= p{x}' for x in axes))
-    end = ['if not own:', '    return top > bits(reach)'] * grid
-    return [*start, 'for n in range(len(near)):', *(f'    {line}' for line in column), *end]
+def column(axes, bonds):
+    """The lines of text that add the forces of the bonds of the column n to h, for these types of arrays."""
+    near, S, _, _, strength, c = bonds
+    at, of_law = '[i]' * (S.ndim == 3), '[i]' * (c[0].ndim == 2)
+    s = 's[i] * ' * there(strength)
+    quotient = reduce(lambda higher, m: f'({higher} * e + c{m}{of_law})', reversed(range(len(c) - 1)), f'c{len(c) - 1}{of_law}')
+    named = ['o, q, g = near[n], bonds.q[n], bonds.g[n]', *['s = bonds.strength[n]'] * there(strength),
+             *(f'S{x} = bonds.S[{x}, n]' for x in axes), *(f'c{m} = bonds.c[{m}][n]' for m in range(len(c)))]
+    pull = [f'j = {"i + o" if near.ndim == 1 else "o[i]"}', *(f'd{x} = {s * (not at)}(u{x}[j] - u{x}[i])' for x in axes),
+            f'e = {" + ".join(f"(S{x}{at} + q{at} * d{x}) * d{x}" for x in axes)}', f'W = {s * bool(at)}e * {quotient}',
+            f'G = g{at} + (q{at} + q{at}) * W', 'top = max(top, bits(abs(e)))',
+            *(f'p{x} = W * S{x}{at} + G * d{x}; h{x}[i] -= p{x}' for x in axes)]
+    if near.ndim == 2:
+        return named + over_slots(*pull)
+    return [*named, *over_slots(*pull, *(f'r{x}[i - lo] = p{x}' for x in axes)),
+            *over_slots(*(f'h{x}[i + o] += r{x}[i - lo]' for x in axes))]
 
 
-def summed(axes, columns, on_site):
-    """The lines of text that sum the forces on a slot: on a grid each column leads to it and away from it."""
-    if not columns:
-        return [f'f{x} = h[zero, {x}, i - base]' for x in axes]
-    kept_at = 'h[{0}, {1}, i - base - near[{0}]] - h[{0}, {1}, i - base]'.format
-    return on_site + [f'f{x} += {kept_at(n, x)}' for n in range(columns) for x in axes]
+def moved(axes, loaded, turns):
+    """The lines of text that kick and drift, and leave no forces behind."""
+    lines = [f'f{x} = h{x}[i] {f"+ l[{x}, i] " * loaded}- k[{x}, i] * u{x}[i]; h{x}[i] = none' for x in axes]
+    if turns:
+        lines += ['cr, ci, pr, pi = keep * C[row, i], keep * T[0, row, i], kick * P[row, i], kick * T[1, row, i]',
+                  'a0 = cr * v0[i] - ci * v1[i] + (pr * f0 - pi * f1)', 'a1 = cr * v1[i] + ci * v0[i] + (pr * f1 + pi * f0)']
+    else:
+        lines += [f'a{x} = keep * C[row, i] * v{x}[i] + kick * P[row, i] * f{x}' for x in axes]
+    return over_slots(*lines, *(f'v{x}[i] = a{x}; w{x}[i] = u{x}[i] + drift * a{x}' for x in axes))
 
 
 @overload(piece, jit_options=FAST)
-def _piece(u, w, v, h, bonds, c, columns, terms, sites, row, keep, kick, drift, reach, lo, hi, base, own):
-    axes, grid, loaded, turns = range(len(u)), len(columns) > 0, there(sites.types[1]), there(sites.types[4])
-    here = '; '.join(f'x{x} = u{x}[i]' for x in axes)
-    on_site = [f'f{x} = {f"l[{x}, i] " * loaded}-k[{x}, i] * x{x}' for x in axes]
-    names = ['near = bonds.near', 'k, l, C, P, T = sites', *(f'{y}{x} = {y}[{x}]' for y in 'uwv' for x in axes),
-             'zero = lo - lo', 'none = drift - drift', 'top = bits(none)']
-    forces = bond_by_bond(axes, grid, here, on_site, bond(axes, bonds.types, c, len(terms)))
-    moved = over_slots(here, *summed(axes, len(columns), on_site), *kicked(axes, turns))
-    arguments = 'u, w, v, h, bonds, c, columns, terms, sites, row, keep, kick, drift, reach, lo, hi, base, own'
-    text = '\n    '.join([f'def piece({arguments}):', 'vectorise()', *names, *forces, *moved, 'return top > bits(reach)'])
+def _piece(u, w, v, h, r, bonds, sites, flow, row, reach, lo, hi, own):
+    axes, (_, load, _, _, turns) = range(len(u)), sites.types
+    lines = ['vectorise()', 'k, l, C, P, T = sites', 'keep, kick, drift = flow', 'near = bonds.near',
+             *(f'{y}{x} = {y}[{x}]' for y in 'uwvhr' for x in axes), 'none = drift - drift', 'top = bits(none)',
+             'for n in range(len(near)):', *(f'    {line}' for line in column(axes, bonds.types)),
+             'if own:', *(f'    {line}' for line in moved(axes, there(load), there(turns))), 'return top > bits(reach)']
+    text = '\n    '.join(['def piece(u, w, v, h, r, bonds, sites, flow, row, reach, lo, hi, own):', *lines])
     return written_out(text, 'piece', vectorise=vectorise, bits=bits)
 
 
 @njit(no_cpython_wrapper=True, **OPTIONS)
-def correct(u, w, v, kick, drift, n, pushed, guided, led):
-    """Push driven particles in the stage n, take from guided ones what is barred, and move the walls."""
-    for m in range(len(pushed.slots)):
-        i = pushed.slots[m]
-        for x in range(len(u)):
-            change = kick * pushed.values[n, m, x]
-            v[x][i] += change
-            w[x][i] += drift * change
-    for m in range(len(guided.slots)):
-        i, barred, along = guided.slots[m], guided.values[0, m], drift - drift
-        for x in range(len(u)):
-            along += barred[x] * v[x][i]
-        for x in range(len(u)):
-            v[x][i] -= along * barred[x]
-            w[x][i] -= drift * (along * barred[x])
-    for m in range(len(led.slots)):
-        for x in range(len(u)):
-            w[x][led.slots[m]] = led.values[n, m, x]
+def correct(u, w, v, kick, drift, n, lo, hi, pushed, guided, led):
+    """Push driven particles in the stage n, take from guided ones what is barred, and move the walls, in the slots from lo to hi.
 
-
-@njit(no_cpython_wrapper=True, **OPTIONS)
-def first_run(runs, part, pad):
-    """The run from which on forces are needed for the runs from part[0] on: bonds come from slots up to `pad` before."""
-    start = part[0]
-    while 0 < start < part[1] and runs[start - 1, 1] + pad > runs[part[0], 0]:
-        start -= 1
-    return start
-
-
-@njit(no_cpython_wrapper=True, **OPTIONS)
-def to_the_front(h, pad, lo, end, base, zero):
-    """Move the last forces before the slot `lo` to the front of h, which begins at `base`; from a gap after `end` come none."""
-    for k in range(h.shape[0]):
-        for x in range(h.shape[1]):
-            for m in range(pad):
-                h[k, x, m] = h[k, x, m + lo - pad - base] if m + lo < end + pad else zero
-    return lo - pad
+    Each are slots and numbers of theirs: changes of velocities by unit kicks in mm/ms and places of walls in mm, shape (stages,
+    slots, dim), and barred directions, shape (1, slots, dim).
+    """
+    (slots, changes), (rails, barred), (walls, places) = pushed, guided, led
+    for m in range(len(slots)):
+        for x in range(len(u) * (lo <= slots[m] < hi)):
+            change = kick * changes[n, m, x]
+            v[x][slots[m]] += change
+            w[x][slots[m]] += drift * change
+    for m in range(len(rails)):
+        if lo <= rails[m] < hi:
+            along = drift - drift
+            for x in range(len(u)):
+                along += barred[0, m, x] * v[x][rails[m]]
+            for x in range(len(u)):
+                v[x][rails[m]] -= along * barred[0, m, x]
+                w[x][rails[m]] -= drift * (along * barred[0, m, x])
+    for m in range(len(walls)):
+        for x in range(len(u) * (lo <= walls[m] < hi)):
+            w[x][walls[m]] = places[n, m, x]
 
 
 @kept
-def stages(u, w, v, h, bonds, c, columns, terms, sites, flow, reach, runs, part, pad, pushed, guided, led, some, whole):
-    """Do the stages from some[0] to some[1] of a block, for the runs from part[0] to part[1]; then `correct` if these are all.
+def stages(u, w, v, h, r, bonds, sites, flow, reach, runs, part, pushed, guided, led, some):
+    """Do the stages some[0] to some[1] of a block in the runs part[1] to part[2], into which bonds lead from part[0] on.
 
     Returns whether an increment was beyond the reach of the law.  Stages of even numbers leave displacements in w, others in u.
     """
-    beyond, start = False, first_run(runs, part, pad)
+    beyond = False
     if some[0] % 2:
         u, w = w, u
     for n in range(some[0], some[1]):
-        keep, kick, drift = flow[n, 0], flow[n, 1], flow[n, 2]
-        row = np.uint64((n > 0) + (n == len(flow) - 1))
-        base, end = runs[start, 0] - pad, runs[start, 0]
-        h[:, :, :pad] = reach - reach
-        for p in range(start, part[1]):
-            lo, hi = runs[p, 0], runs[p, 1]
-            if lo > end or hi - base > h.shape[2]:
-                base = to_the_front(h, pad, lo, end, base, reach - reach)
-            end = hi
-            own = p >= part[0]
-            beyond |= piece(u, w, v, h, bonds, c, columns, terms, sites, row, keep, kick, drift, reach, lo, hi, base, own)
-        if whole:
-            correct(u, w, v, kick, drift, n, pushed, guided, led)
+        now, row = (flow[n, 0], flow[n, 1], flow[n, 2]), np.uint64((n > 0) + (n == len(flow) - 1))
+        for p in range(part[0], part[2]):
+            beyond |= piece(u, w, v, h, r, bonds, sites, now, row, reach, runs[p, 0], runs[p, 1], p >= part[1])
+        correct(u, w, v, now[1], now[2], n, runs[part[1], 0], runs[part[2] - 1, 1], pushed, guided, led)
         u, w = w, u
     return beyond

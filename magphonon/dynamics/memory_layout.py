@@ -40,24 +40,25 @@ def aligned_zeros(shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:
 
 @dataclass(frozen=True)
 class Layout:
-    """Slots of particles, and bonds between slots.
+    """Slots of particles, and bonds between slots in columns, of which each slot has one bond.
 
     Attributes
     ----------
     slot : ndarray of int, shape (particles,)
         The slot of each particle.
     length : int
-        Number of slots, including the empty ones behind the last particle to which offsets lead.
+        Number of slots, including the empty ones before the first and behind the last particle to which offsets lead.
     bond : ndarray of int or slice
         The bonds in the list of bonds; a bond to one's own image never changes, and is left out.
     i, j : ndarray of int, shape (bonds,)
-        Slots that each bond joins, the lower one first.
+        Slots that each bond joins, on a grid the lower one first.  Where neighbours are looked up, each bond is there twice, from
+        either end.
     R : ndarray, shape (bonds, dim)
         Rest vectors from i to j in mm.
-    group : ndarray of int, shape (bonds,)
-        On a grid, the group of each bond.
-    offset : ndarray of int, shape (groups,), or None
-        On a grid, j - i of each group; None if neighbours are looked up.
+    column : ndarray of int, shape (bonds,)
+        The column of each bond.
+    offset : ndarray of int, shape (columns,), or None
+        On a grid, j - i of each column; None if neighbours are looked up.
     """
 
     slot: np.ndarray
@@ -66,15 +67,8 @@ class Layout:
     i: np.ndarray
     j: np.ndarray
     R: np.ndarray
-    group: np.ndarray
+    column: np.ndarray
     offset: np.ndarray | None = None
-
-    def columns(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """A column for both directions of all bonds, in which no slot has two; the slot, and the slot of its neighbour."""
-        near, far = np.concatenate([self.i, self.j]), np.concatenate([self.j, self.i])
-        order, column = np.argsort(near, kind='stable'), np.empty(len(near), int)
-        column[order] = np.arange(len(near)) - np.searchsorted(near[order], near[order])
-        return column, near, far
 
 
 def arrange(atoms: Atoms, bonds: Bonds, dim: int) -> Layout:
@@ -85,42 +79,41 @@ def arrange(atoms: Atoms, bonds: Bonds, dim: int) -> Layout:
     found = None
     if len(i):
         found = _grid(slot - slot.min(), other, i, j, R)
-        if found is None or found.length > 1.2 * len(atoms):
+        if found is None or np.ptp(found.slot) > 1.2 * len(atoms):
             sites = _sites_found(atoms.positions[:, :dim], i, j, R)
             better = None if sites is None else _grid(sites, other, i, j, R)
             found = better if found is None or (better is not None and better.length < found.length) else found
-    if found is not None:
-        return found
-    X, slot = atoms.positions[:, :dim], np.empty(len(atoms), int)
+    return _table(atoms.positions[:, :dim], other, i, j, R) if found is None else found
+
+
+def _table(X, bond, i, j, R):
+    """The layout of particles at X, in rows that are as wide as a bond is long."""
+    slot = np.empty(len(X), int)
     rows = np.floor(X[:, 1:] / (lengths_of(R).mean() if len(R) else 1.0))
-    slot[np.lexsort([X[:, 0], *rows.T])] = np.arange(len(atoms))
-    return _between(slot, other, i, j, R)
-
-
-def _between(slot, bond, i, j, R):
-    """The layout of particles in slots; each bond gets its lower slot first."""
-    i, j = (slot[end].astype(np.int32) for end in (i, j))
-    if (backward := j < i).any():
-        i, j, R = np.where(backward, j, i), np.where(backward, i, j), np.where(backward[:, None], -R, R)
-    length = int(slot.max()) + 1
-    return Layout(slot, length + -length % LINE, bond, i, j, R, np.zeros(0, int))
+    slot[np.lexsort([X[:, 0], *rows.T])] = np.arange(len(X))
+    near, far = np.concatenate([slot[i], slot[j]]), np.concatenate([slot[j], slot[i]])
+    order, column = np.argsort(near, kind='stable'), np.empty(len(near), int)
+    column[order] = np.arange(len(near)) - np.searchsorted(near[order], near[order])
+    both = np.concatenate([bond, bond]) if isinstance(bond, np.ndarray) else np.tile(np.arange(len(i)), 2)
+    return Layout(slot, len(X) + -len(X) % LINE, both, near, far, np.concatenate([R, -R]), column)
 
 
 def _grid(slot, bond, i, j, R):
     """The layout on a grid; None if two particles have one place, or there are many offsets."""
     if slot.max() >= SPREAD * len(slot) or np.bincount(slot).max() > 1:  # as after two patches were joined
         return None
-    found = _between(slot, bond, i, j, R)
-    offsets = found.j - found.i
-    offset = np.unique(offsets).astype(int)
+    i, j = (slot[end].astype(np.int32) for end in (i, j))
+    if (backward := j < i).any():
+        i, j, R = np.where(backward, j, i), np.where(backward, i, j), np.where(backward[:, None], -R, R)
+    offset = np.flatnonzero(np.bincount(j - i))
     if len(offset) * len(slot) > GRID_COST * len(i) or not offset[0]:
         return None
-    group = np.searchsorted(offset, offsets)
-    pairs = group * found.length + found.i
-    if np.bincount(pairs).max() > 1:
+    column = np.cumsum(np.isin(np.arange(offset[-1] + 1), offset))[j - i] - 1
+    if np.bincount(column * (slot.max() + 1) + i).max() > 1:
         return None
-    length = -(-int(slot.max() + 1) // LINE) * LINE + int(offset[-1])  # runs end on a cache line, and read their neighbours
-    return Layout(slot, length + -length % LINE, bond, found.i, found.j, found.R, group, offset)
+    ends = int(offset[-1]) + -int(offset[-1]) % LINE
+    inside = int(slot.max()) + 1  # runs end on a cache line, and read their neighbours
+    return Layout(ends + slot, 2 * ends + inside + -inside % LINE, bond, ends + i, ends + j, R, column, offset)
 
 
 def _sites_found(X, i, j, R):
@@ -132,13 +125,14 @@ def _sites_found(X, i, j, R):
         steps = np.rint(R @ np.linalg.inv(np.array(base)))
         if np.linalg.matrix_rank(steps.T @ steps) < X.shape[1]:
             return None
-        base = np.linalg.lstsq(steps, R, rcond=None)[0]
+        base = np.linalg.solve(steps.T @ steps, steps.T @ R)
     if (lengths_of(R - steps @ base) > OFF_PLACE * r.min()).any():
         return None
     places = _places(X, base)
     if places is None or (places[j] - places[i] != steps).any():
         return None
-    return min((_numbered(places @ skew, steps @ skew) for skew in _skews(X.shape[1])), key=lambda sites: sites.max())
+    places, steps = np.ascontiguousarray(places.T), np.ascontiguousarray(steps.T)  # in long rows, whose maxima are found fast
+    return min((_numbered(skew @ places, skew @ steps) for skew in _skews(X.shape[1])), key=lambda sites: sites.max())
 
 
 def _skews(dim):
@@ -165,19 +159,20 @@ def _places(X, base):
     """Numbers of base vectors from an origin to each particle, after the base is fitted to all; None if it becomes flat."""
     places = np.rint((X - X[0]) @ np.linalg.inv(base))
     for _ in range(2):
-        fit = np.linalg.lstsq(np.column_stack([places, np.ones(len(X))]), X, rcond=None)[0]
-        if np.linalg.matrix_rank(fit[:-1]) < X.shape[1]:
+        ones = np.column_stack([places, np.ones(len(X))])
+        if np.linalg.matrix_rank(ones.T @ ones) <= X.shape[1]:
             return None
+        fit = np.linalg.solve(ones.T @ ones, ones.T @ X)
         places = np.rint((X - fit[-1]) @ np.linalg.inv(fit[:-1]))
     return places
 
 
 def _numbered(places, steps):
     """Places numbered along the shortest side first, with gaps so that bonds of equal steps have equal differences of numbers."""
-    places = (places - places.min(axis=0)).astype(int)
-    order = np.argsort(places.max(axis=0))
-    widths = (places.max(axis=0) + 1 + abs(steps).max(axis=0).astype(int))[order]
-    return places[:, order] @ np.append(1, np.cumprod(widths)[:-1])
+    places = (places - places.min(axis=1)[:, None]).astype(int)
+    order = np.argsort(places.max(axis=1))
+    widths = (places.max(axis=1) + 1 + abs(steps).max(axis=1).astype(int))[order]
+    return np.append(1, np.cumprod(widths)[:-1]) @ places[order]
 
 
 def runs_of(slot: NDArray[np.int_]) -> NDArray[np.int_]:

@@ -57,22 +57,21 @@ class Splitting:
         """Times of the kicks after the first, as fractions of a step, shape (stages,)."""
         return np.append(np.cumsum(self.drifts)[:-1], 1.0)
 
-    def beside_verlet(self, x: np.ndarray) -> np.ndarray:
-        """Error of an oscillator with omega h = x in units of Verlet's: x^2/24 in frequency, x^2/8 in the shape of the orbit."""
-        state = np.array([[1 + 0 * x, 0 * x], [0 * x, 1 + 0 * x]])  # columns (u, h v)
-        for kick, drift in zip(self.kicks, (*self.drifts, 0.0), strict=True):
-            state[1] -= kick * x**2 * state[0]
-            state[0] += drift * state[1]
-        frequency = np.arccos((state[0, 0] + state[1, 1]) / 2) / x - 1
-        shape = np.sqrt(-state[1, 0] / state[0, 1]) / x - 1
-        return np.maximum(abs(frequency) * 24, abs(shape) * 8) / x**2
+    def error(self, x: Any, phase: Any) -> Any:
+        """Relative error of an oscillator with omega h = x after `phase` radians; NaN where the method is not stable.
 
-    def error(self, x: Any, phase: float) -> Any:
-        """Relative error of an oscillator with omega h = x after `phase` radians; NaN where the method is not stable."""
+        Verlet errs by x^2/24 in frequency and by x^2/8 in the shape of the orbit; of others, the worse of both counts for both.
+        """
         at = np.maximum(x, EXACT)
+        state = np.array([[1 + 0 * at, 0 * at], [0 * at, 1 + 0 * at]])  # columns (u, h v)
+        for kick, drift in zip(self.kicks, (*self.drifts, 0.0), strict=True):
+            state[1] -= kick * at**2 * state[0]
+            state[0] += drift * state[1]
         with np.errstate(invalid='ignore'):
-            error = self.beside_verlet(at) * at**2 * (x / at) ** self.order * (phase / 24 + 1 / 8)
-        return np.where(x < self.limit, error, np.nan)
+            frequency = np.arccos((state[0, 0] + state[1, 1]) / 2) / at - 1
+            shape = np.sqrt(-state[1, 0] / state[0, 1]) / at - 1
+        worse = np.maximum(abs(frequency) * 24, abs(shape) * 8) * (x / at) ** self.order
+        return np.where(x < self.limit, worse * (phase / 24 + 1 / 8), np.nan)
 
     def longest(self, phase: float, tolerance: float) -> float:
         """Largest omega h at which the `error` of a wave stays below `tolerance` over a phase of `phase` radians."""

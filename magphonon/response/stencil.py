@@ -22,7 +22,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from ..dynamics.kernel import OPTIONS, kept, vectorise, written_out
-from ..dynamics.memory_layout import LINE, RUN, aligned_zeros, arrange, runs_of
+from ..dynamics.memory_layout import RUN, aligned_zeros, arrange, runs_of
 
 if TYPE_CHECKING:
     from ..stiffness.rest import LinearSystem
@@ -111,11 +111,10 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
     if layout.offset is None or len(layout.offset) > MOST_GROUPS:
         return None
     offsets = layout.offset
-    margin = int(offsets.max()) + -int(offsets.max()) % LINE
-    slots, slot = layout.length + margin, margin + layout.slot
+    slots, slot = layout.length, layout.slot
     stiffness, K = calc.rest_stiffness(calc.model), aligned_zeros((3, len(offsets), slots))
     for part, (x, y) in zip(K, ((0, 0), (0, 1), (1, 1)), strict=True):
-        part[layout.group, margin + layout.i] = stiffness[layout.bond, x, y]
+        part[layout.column, layout.i] = stiffness[layout.bond, x, y]
     D, weight, free = aligned_zeros((3, 1, slots)), np.zeros(slots), aligned_zeros((slots,))
     D[::2, 0, slot] = np.broadcast_to(calc.foundation, (len(system), 2)).T
     weight[slot], free[slot] = mobile / np.sqrt(system.masses), mobile
@@ -132,7 +131,7 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
     places = np.stack([slot, slots + slot], axis=1)[mobile].ravel()
     extent = abs(calc.reference.positions).max() / bonds.lengths.min()
     shared = _shared(D, K, free, offsets, ALIKE * (10 + extent))
-    runs = margin + runs_of(layout.slot)
+    runs = runs_of(slot)
     above = np.searchsorted(runs[:, 0], runs[:, 1] + offsets.max()) - 1  # the last run that a bond of each one reaches
     lag = int((above - np.arange(len(runs))).max(initial=1))
     return Stencil(places, free, runs.astype(np.uint64), lag, tuple(map(int, offsets)), float(row_sum), *(shared or (D, K)))

@@ -108,8 +108,8 @@ def test_patches_lie_on_a_grid_of_few_offsets(name):
             layout = arrange(cut, MagneticRepulsion(cut, LAW).bonds, 2)
             assert layout.offset is not None, shape
             assert len(layout.offset) <= groups
-            assert len(set(zip(layout.group.tolist(), layout.i.tolist(), strict=True))) == len(layout.i)
-            assert (layout.j - layout.i == layout.offset[layout.group]).all()
+            assert len(set(zip(layout.column.tolist(), layout.i.tolist(), strict=True))) == len(layout.i)
+            assert (layout.j - layout.i == layout.offset[layout.column]).all()
 
 
 def in_table(name):
@@ -143,11 +143,10 @@ def test_in_other_structures_neighbours_are_looked_up():
         layout = arrange(patch, bonds, 2)
     assert layout.offset is None
     assert sorted(layout.slot) == list(range(len(patch)))
-    column, near, far = layout.columns()
     particle = np.argsort(layout.slot)
     both = {*zip(bonds.i, bonds.j, strict=True), *zip(bonds.j, bonds.i, strict=True)}
-    assert set(zip(particle[near], particle[far], strict=True)) == both
-    assert len(set(zip(column.tolist(), near.tolist(), strict=True))) == len(near)
+    assert set(zip(particle[layout.i], particle[layout.j], strict=True)) == both
+    assert len(set(zip(layout.column.tolist(), layout.i.tolist(), strict=True))) == len(layout.i)
     twice = lattices.parallelogram(cells()['triangular'], 8, 8)
     twice += twice  # its sites are no places any more
     assert arrange(twice, MagneticRepulsion(twice, LAW, bonds=[(0, 1), (64, 65)]).bonds, 2).offset is None

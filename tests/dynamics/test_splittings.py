@@ -1,6 +1,5 @@
 """Steps of order 4 and 6, against SciPy's integrator of order 8 and on both sides of their limit."""
 
-
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine

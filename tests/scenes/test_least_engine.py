@@ -91,6 +91,6 @@ def test_bursts_are_within_the_tolerance_by_the_cheapest_method():
 
 @pytest.mark.slow
 def test_200_bursts_are_within_the_tolerance_and_most_by_the_cheapest_method():
-    worst, cheapest = judge(range(200))
+    worst, cheapest = judge(range(1000, 1200))  # not those on which the weights of the estimate were chosen
     assert worst < 1
-    assert cheapest >= 0.82  # 0.91: a safe estimate is up to seven times the true change, and amplitudes range over five decades
+    assert cheapest >= 0.82  # 0.91: a safe estimate is up to nine times the true change, and amplitudes range over five decades
