@@ -1,9 +1,8 @@
 """The demultiplexer on the bench: who can design it, what each tolerance costs, and trim.
 
 `python -m workflows.demultiplexer [-o DIR]` designs with four models at equal effort, builds copies of the ready scene with the
-errors of a workshop, and trims those that fell below 30 dB; some minutes.  An independent solver (built_device.py) judges.  The
-tutorial of the demultiplexer shows both tables.  With `--device` it designs the device of the ready scene again, as
-DIR/designed.csv: two minutes of one core.
+errors of a workshop, and trims those that fell below 30 dB; some minutes.  With `--device` it designs the device of the ready
+scene again, as DIR/designed.csv: two minutes of one core.  An independent solver (built_device.py) judges.
 """
 
 import argparse
@@ -33,7 +32,6 @@ BESIDE = {'rim of beams 256 times as stiff as a rod': {'rim': 256.0}, 'rim 64 ti
 ERRORS = Errors(force_percent=2, frequency_percent=1, stiffness_percent=1, each_strength_percent=1, each_stiffness_percent=1,
                 each_foot_mm=0.1)
 WIDER = replace(ERRORS, force_percent=2.6, frequency_percent=1.3, stiffness_percent=0)  # common ones, for designs
-EFFORT, DEVICE = 250, 2400  # steps of each of four designs, and of that of the ready scene
 COPIES, FURTHER, SEED = 100, 1200, 1000
 HZ, NOISE = np.linspace(50, 90, 21), (5e-3, 1e-3)  # at which copies are measured; noise of each response, and of the largest
 TRIMMED, REFUSED = 10, 3  # copies below 30 dB that are trimmed, and with D0
@@ -53,7 +51,7 @@ def targets(source, *ports):
             for f, loud, quiet in zip(FREQUENCIES, ports, ports[::-1], strict=True)]
 
 
-def designed(model, cutoff, steps, out):
+def designed(model, cutoff, out, steps=250):
     """The device that somebody designs who knows this model and neighbours within `cutoff`."""
     patch = given(cutoff)
     at = patch.positions[:, :2] - patch.positions[:, :2].mean(0)
@@ -84,7 +82,7 @@ def copies_table(device, out):
     cases += [('all, larger', f'{WORDS[name]}: {size:g} {"mm" if name == "foot" else "%"}', device, {name: size})
               for name, size in LARGER.items()]
     cases += [('all, and', words, replace(device, **changes), {}) for words, changes in BESIDE.items()]
-    cases += [('designed with', f'{D}, {who}', designed(model, cutoff, EFFORT, out), {})
+    cases += [('designed with', f'{D}, {who}', designed(model, cutoff, out), {})
               for model, D in (('conventional', 'D0'), ('complete', 'D0 + D*'))
               for cutoff, who in ((12.0, 'nearest neighbours'), (45.0, 'all neighbours'))]
     values = [judged(one, **sizes) for *_, one, sizes in tqdm(cases, 'copies', disable=None)]
@@ -137,13 +135,12 @@ def main(arguments=None):
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
     if options.device:
-        found = judged(designed('complete', 45.0, DEVICE, options.out))
-        print(f'of {COPIES} copies {(found > 30).sum()} keep 30 dB, {(found > 20).sum()} keep 20 dB')
-        return
-    device = Device.read(ready_scene('demultiplexer').with_name('demultiplexer.csv'))
-    written(options.out / 'demultiplexer_trim.csv', ('copy', 'model', 'built_dB', 'trimmed_dB', 'chi'), trim_table(device))
-    written(options.out / 'demultiplexer_copies.csv', ('copies', 'of', 'reached_dB', 'above_30_percent', 'above_20_percent'),
-            copies_table(device, options.out))
+        device = designed('complete', 45.0, options.out, steps=2400)
+    else:
+        device = Device.read(ready_scene('demultiplexer').with_name('demultiplexer.csv'))
+        written(options.out / 'demultiplexer_trim.csv', ('copy', 'model', 'built_dB', 'trimmed_dB', 'chi'), trim_table(device))
+        written(options.out / 'demultiplexer_copies.csv', ('copies', 'of', 'reached_dB', 'above_30_percent', 'above_20_percent'),
+                copies_table(device, options.out))
     further = judged(device, FURTHER, SEED + 2)
     print(f'of {FURTHER} further copies {(further > 30).mean():.1%} keep 30 dB, {(further > 20).mean():.1%} keep 20 dB')
 
