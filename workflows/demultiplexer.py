@@ -55,9 +55,8 @@ def designed(model, cutoff, out, steps=250, draws=8):
     at = patch.positions[:, :2] - patch.positions[:, :2].mean(0)
     over = {'strength': (GRADES[0], GRADES[-1]), 'rod': (RODS[0], RODS[-1]), 'foot': (-1.0, 1.0)}
     ends = targets(*(int(np.hypot(*(at - np.multiply(p, u.m)).T).argmin()) for p in PLACES))
-    wider = replace(ERRORS, force_percent=2.6, frequency_percent=1.3, stiffness_percent=0)
-    design = optimise(patch, ends, over, parts={'strength': GRADES, 'rod': RODS}, errors=wider, model=model, rod_mass=ROD * u.kg,
-                      steps=steps, draws=draws)
+    design = optimise(patch, ends, over, parts={'strength': GRADES, 'rod': RODS}, model=model, rod_mass=ROD * u.kg, steps=steps,
+                      draws=draws, errors=replace(ERRORS, force_percent=2.6, frequency_percent=1.3, stiffness_percent=0))
     write_build_list(out / 'designed.csv', design.atoms)
     return Device.read(out / 'designed.csv')
 

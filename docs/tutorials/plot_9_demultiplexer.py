@@ -60,9 +60,9 @@ print(f'in four of five copies: {copies.reached(80):.1f} dB')
 # --------------------
 # With ``errors`` the design is made for copies, eight new ones at each step, and ``parts`` are what the shop has: five grades
 # of magnets and four rods.  The moving mass follows the rod, which is taken as a cantilever: its stiffness depends on the
-# frequency.  A hundred steps take seconds.  The device below took 2400 steps, two minutes of one core:
-# ``python -m workflows.demultiplexer --device`` designs it again.  For this the errors of the force and of the source were 1.3 times
-# as large as they are, so that rare copies, in which both are far off, count for more.
+# frequency.  A hundred steps take seconds.  The device below took 4800 steps of four copies, XXX of one core:
+# ``python -m workflows.demultiplexer --device`` designs another one like it (every rounding ends in other parts).  For this the
+# errors of the force and of the source were 1.3 times as large as they are, so that rare copies, far off in both, count for more.
 
 design = optimise(patch, targets, over, parts={'strength': [0.87, 0.93, 1.0, 1.07, 1.15], 'rod': RODS}, errors=errors,
                   rod_mass=rod, steps=60)
