@@ -12,7 +12,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from secrets import token_hex
 from stat import S_ISREG
 from typing import Any
 
@@ -60,7 +59,7 @@ def whole_file(path: str | PathLike[str], mode: str = 'w') -> Iterator[Any]:
         If the directory does not exist or cannot be written, or the disk is full; no incomplete file remains.
     """
     path = Path(path)
-    partial = path.with_name(f'.{path.name}.{token_hex(4)}.partial')
+    partial = path.with_name(f'.{path.name}.{os.urandom(4).hex()}.partial')
     try:
         out = open(partial, mode.replace('w', 'x'))  # noqa: SIM115, who writes it closes it
     except OSError as error:

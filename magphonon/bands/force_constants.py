@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
-from ase.build import make_supercell
 from ase.constraints import FixAtoms
 from ase.dft.kpoints import BandPath
 from ase.geometry import minkowski_reduce
@@ -117,7 +116,11 @@ def finite_displacements(atoms: Atoms, supercell: ArrayLike | None = None, dista
     phonon.unit_conversion_factor = TO_HZ
     phonon.generate_displacements(distance, is_plusminus=True, is_diagonal=False)
 
-    displaced = _supercell_atoms(phonon, rest.pbc) + make_supercell(held, matrix.T)
+    displaced = _supercell_atoms(phonon, rest.pbc)
+    if len(held):
+        from ase.build import make_supercell  # late: it loads all readers of ASE
+
+        displaced += make_supercell(held, matrix.T)
     displaced.calc = calc.on(displaced)  # phonopy's order of particles, not that of `repeat`
     forces = []
     for structure in tqdm(phonon.supercells_with_displacements, desc='displacements', delay=2, disable=None, leave=False):

@@ -230,19 +230,10 @@ def _decays(plan, cell, records):
 
 def _unstable(cell):
     """A warning if the infinite lattice buckles; a patch with its rim held may still be stable."""
-    from ..stability.buckling import common_spring, critical_foundation, on_the_verge
     from ..stability.verdicts import verdict
 
-    if cell.calc.turning:
-        judged = verdict(cell)
-        return [] if judged.stable else [f'UNSTABLE: {judged.finding("buckling").words}']
-    needed, given = critical_foundation(cell, 'complete')[0], common_spring(cell)
-    if on_the_verge(given, needed):
-        return [f'On the verge of buckling: the foundation of {given / (units.N / units.m):.6g} N/m is just what is needed.']
-    if given >= needed:
-        return []
-    needed, given = (k / (units.N / units.m) for k in (needed, given))
-    return ['UNSTABLE: the static forces buckle this lattice. In the complete simulation the growth may hide the burst.',
-            f'The lattice needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Lowering force_N does not help: the '
-            'growth does not depend on the force.',
-            'The conventional model does not show this.']
+    found = verdict(cell).case.inside
+    if found.stable or found.verge:
+        return [found.words('')] * found.verge
+    return [f'UNSTABLE: {found.words("")} In the complete simulation the growth may hide the burst; the conventional model does '
+            'not show it. Lowering force_N does not help: the growth does not depend on the force.']

@@ -167,14 +167,13 @@ def mixed_interval(values: NDArray[np.float64], sigma: NDArray[np.float64],
     """
     mean, widest = np.log(np.maximum(abs(values), 1e-300)), 4 * np.log(MOST_FACTOR)
     sigma = np.minimum(np.nan_to_num(sigma, nan=widest), widest)
-    ends = []
-    for probability in (ndtr(-NORMAL), ndtr(NORMAL)):
-        low, high = (mean - 2 * NORMAL * sigma).min(axis=0), (mean + 2 * NORMAL * sigma).max(axis=0)
-        for _ in range(BISECTIONS):
-            middle = (low + high) / 2
-            with np.errstate(divide='ignore', invalid='ignore'):
-                below = np.tensordot(weights, ndtr(np.nan_to_num((middle - mean) / sigma)), 1)
-            low, high = np.where(below < probability, middle, low), np.where(below < probability, high, middle)
-        ends.append((low + high) / 2)
+    at = np.reshape([-NORMAL, NORMAL], (2, *[1] * mean.ndim))  # both ends
+    low, high = (mean - 2 * abs(at) * sigma).min(axis=1), (mean + 2 * abs(at) * sigma).max(axis=1)
+    for _ in range(BISECTIONS):
+        ends = (low + high) / 2
+        with np.errstate(divide='ignore', invalid='ignore'):
+            below = np.tensordot(weights, ndtr(np.nan_to_num((ends[:, None] - mean) / sigma)), (0, 1))
+        low, high = np.where(below < ndtr(at[:, 0]), ends, low), np.where(below < ndtr(at[:, 0]), high, ends)
+    ends = (low + high) / 2
     middle, half = (ends[0] + ends[1]) / 2, (ends[1] - ends[0]) / (2 * NORMAL)
     return np.sign(values[np.argmax(weights)]) * np.exp(middle), np.where(half > np.log(MOST_FACTOR), np.inf, half)

@@ -38,8 +38,10 @@ COUNTS = (6, 11, 16, 24, 31, 40)
 ALIKE = 1e-14
 """Relative difference up to which the slopes of two laws differ by a factor only; a few times the round-off of a power."""
 TOGETHER = 2048  # number of kinds that are fitted at a time, so that their samples stay within tens of megabytes
-POWERS = np.array([np.pad(chebyshev.cheb2poly(row), (0, COUNTS[-1] - n - 1)) for n, row in enumerate(np.eye(COUNTS[-1]))]).T
-"""Chebyshev polynomials in powers of x, one in each column."""
+POWERS = np.eye(COUNTS[-1])
+"""Chebyshev polynomials in powers of x, one in each row."""
+for n in range(2, COUNTS[-1]):  # T_n = 2 x T_(n-1) - T_(n-2)
+    POWERS[n] = 2 * np.roll(POWERS[n - 1], 1) - POWERS[n - 2]
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ class Increments:
         series = chebyshev.chebvander(nodes, COUNTS[-1] - 1).T @ sampled * (2 / COUNTS[-1])
         series[0] /= 2
         for count in COUNTS:
-            powers = POWERS[:count, :count] @ series[:count]
+            powers = POWERS[:count, :count].T @ series[:count]
             if tolerance > TOLERANCE:  # the slope at rest is kept: its error would be a drift of every phase
                 columns = np.vander(nodes, count, increasing=True)[:, 1:]
                 powers = np.vstack([at_rest, np.linalg.lstsq(columns, sampled - at_rest)[0]])

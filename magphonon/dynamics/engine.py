@@ -259,7 +259,7 @@ class Blocks:
         self._rate = damping.max() if splitting.stages > 1 else 0.0  # the same for all particles: it acts in the drifts
         self._half = half_step(damping - self._rate, calc.rate, self._guided, self._barred, dt)
         self._sort_bonds()
-        self._level, self._rough, self._law, self._pool = 0, -1.0, None, None
+        self._level, self._rough, self._dtype, self._law, self._pool = 0, -1.0, np.float64, None, None
         self.cages = Cages(atoms)
         self._read()
 
@@ -484,8 +484,7 @@ class Blocks:
         self._anchors = np.subtract(self.atoms.positions.T[:dim], u.T, order='C')
         v = self._mobile * self.atoms.get_momenta()[:, :dim] / self._masses[:, None]
         v[self._guided] -= np.einsum('gxy,gy->gx', self._barred, v[self._guided])
-        dtype = np.float64 if self._law is None else self._dtype
-        self._state, self._spare = aligned_zeros((2, 3, dim, self._wide), dtype)
+        self._state, self._spare = aligned_zeros((2, 3, dim, self._wide), self._dtype)
         self._state[0][:, self._at], self._state[1][:, self._at] = u.T, v.T
         self._spare[:] = self._state  # displacements, velocities, and room for other displacements
         self._extent = [np.sqrt(dim) * largest(x) for x in (u, v)]  # bounds of the largest displacement and speed

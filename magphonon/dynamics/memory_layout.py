@@ -21,8 +21,7 @@ GRID_COST = 6
 """Largest number of bonds that every slot of a grid evaluates, as a multiple of those that it has: a bond that is looked up is
 evaluated at both ends, and takes that much longer.  A honeycomb from which a third of the particles is missing has 3.5 times."""
 SPREAD = 6  # largest ratio of slots to particles of a grid, most of which lie in gaps that runs skip
-OFF_PLACE = 0.3
-"""Largest difference, in shortest bonds, between a rest vector and a sum of base vectors times whole numbers, on a grid."""
+FEW = 3000  # bonds from which the base vectors of a grid are estimated, before they are fitted to all
 RUN = 512  # slots that are done at a time, so that forces of their bonds stay in the cache
 GAP = 64
 """Largest number of holes in a run of slots that are cheaper to fill than to skip; more than two lines, so that runs do not
@@ -118,21 +117,29 @@ def _grid(slot, bond, i, j, R):
 
 def _sites_found(X, i, j, R):
     """Places of the particles on a grid, such that bonds span whole numbers of rows; None if there is none."""
-    r, base, steps = lengths_of(R), _base_vectors(R), np.zeros_like(R)
-    if base is None:
+    few = R[:: 1 + len(R) // FEW]
+    try:
+        base, origin = _base_vectors(few), X[0]
+        for bonds in (few, few, R):
+            steps = np.rint(bonds @ np.linalg.inv(base))
+            base = _fitted(steps, bonds)
+        for _ in range(3):
+            places = np.rint((X - origin) @ np.linalg.inv(base))
+            *base, origin = _fitted(np.column_stack([places, np.ones(len(X))]), X)
+    except np.linalg.LinAlgError:  # the bonds do not span the plane or space
         return None
-    for _ in range(3):
-        steps = np.rint(R @ np.linalg.inv(np.array(base)))
-        if np.linalg.matrix_rank(steps.T @ steps) < X.shape[1]:
-            return None
-        base = np.linalg.solve(steps.T @ steps, steps.T @ R)
-    if (lengths_of(R - steps @ base) > OFF_PLACE * r.min()).any():
-        return None
-    places = _places(X, base)
-    if places is None or (places[j] - places[i] != steps).any():
+    if (places[j] - places[i] != steps).any():
         return None
     places, steps = np.ascontiguousarray(places.T), np.ascontiguousarray(steps.T)  # in long rows, whose maxima are found fast
     return min((_numbered(skew @ places, skew @ steps) for skew in _skews(X.shape[1])), key=lambda sites: sites.max())
+
+
+def _fitted(whole, X):
+    """The vectors of which X are the sums, times these whole numbers, by least squares."""
+    squares = whole.T @ whole
+    if np.linalg.matrix_rank(squares) < len(squares):
+        raise np.linalg.LinAlgError
+    return np.linalg.solve(squares, whole.T @ X)
 
 
 def _skews(dim):
@@ -142,29 +149,16 @@ def _skews(dim):
 
 
 def _base_vectors(R):
-    """The shortest of the rest vectors that span the plane or space; None if none do."""
+    """The shortest of the rest vectors that span the plane or space; fewer if none do."""
     r, left, base = lengths_of(R), R.copy(), []
     for _ in range(R.shape[1]):
         size = lengths_of(left)
         across = size > r.min() / 2
-        if not across.any():
-            return None
-        b = np.where(across, r, np.inf).argmin()
-        base.append(R[b])
-        left -= np.outer(left @ left[b] / size[b] ** 2, left[b])
-    return base
-
-
-def _places(X, base):
-    """Numbers of base vectors from an origin to each particle, after the base is fitted to all; None if it becomes flat."""
-    places = np.rint((X - X[0]) @ np.linalg.inv(base))
-    for _ in range(2):
-        ones = np.column_stack([places, np.ones(len(X))])
-        if np.linalg.matrix_rank(ones.T @ ones) <= X.shape[1]:
-            return None
-        fit = np.linalg.solve(ones.T @ ones, ones.T @ X)
-        places = np.rint((X - fit[-1]) @ np.linalg.inv(fit[:-1]))
-    return places
+        if across.any():
+            b = np.where(across, r, np.inf).argmin()
+            base.append(R[b])
+            left -= np.outer(left @ left[b] / size[b] ** 2, left[b])
+    return np.array(base)
 
 
 def _numbered(places, steps):

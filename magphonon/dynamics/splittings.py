@@ -8,7 +8,6 @@ belongs to the drift, which is then exact: `u <- u + (1 - e^{-gamma a h})/gamma 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -103,29 +102,3 @@ SPLITTINGS = {one.order: one for one in (
                  3.1414, 6.0))}
 """The methods, by the order of their error."""
 EXACT = 0.1  # omega h up to which errors are those of the leading term, and below which round-off would hide them
-ROUND_OFF = 1e-13  # error by round-off in a radian of the fastest wave
-
-
-def step_within(tolerance: float, omega: float, duration: float, frame: float,
-                orders: Sequence[int] = (2, 4, 6)) -> tuple[float, int]:
-    """The time step in ms and the order that meet a tolerance with the fewest evaluations of forces.
-
-    A whole number of these steps makes a frame.
-
-    Parameters
-    ----------
-    tolerance : float
-        Relative error of the motion at the end.
-    omega : float
-        Highest angular frequency, rad/ms.
-    duration, frame : float
-        Time in ms of the whole motion, and between two of its records.
-    orders : sequence of int
-        Orders to choose from.
-    """
-    longest = {order: SPLITTINGS[order].longest(omega * duration, tolerance) for order in orders}
-    counts = {order: int(np.ceil(omega * frame / x)) for order, x in longest.items()}
-    if tolerance < ROUND_OFF * omega * duration:
-        raise ValueError(f'a tolerance of {tolerance:g} is below the round-off of {duration:.6g} ms of motion; take a larger one')
-    order = min(counts, key=lambda order: SPLITTINGS[order].stages * counts[order])
-    return frame / counts[order], order

@@ -260,7 +260,7 @@ def lay_out(figure: Figure) -> None:
             ax.spines[side].set_in_layout(False)
     if (engine := figure.get_layout_engine()) is not None:
         engine.execute(figure)
-    figure.set_layout_engine('none')
+    figure.set_layout_engine(None)
 
 
 def entitle(figure: FigureBase, title: str) -> None:

@@ -198,27 +198,22 @@ def _place_beside(ax, curves, x, f, names):
     long = LETTER * (right - left) * np.char.str_len(names.astype(str))
     inside = (left < x - long / 2) & (x + long / 2 < right)
     named = _thinned(np.flatnonzero(names != ''), TRIED)
+    spans = {k: _spans(curves, x[k], long[k], low, high) for k in named[inside[named]]}
     for away in np.outer(BESIDE, (-1, 1)) * (high - low):
-        places = {(k, y): (x[k], long[k], y) for k in named[inside[named]] for y in f[k] + away}
-        room, (k, y) = _roomiest(curves, places, low, high)
+        room, k, y = max(((np.maximum(bottom - y, y - top).min(), k, y) for k, (bottom, top) in spans.items()
+                          for y in f[k] + away), default=(0.0, 0, 0.0))
         if room > CLEAR * (high - low):
             return k, y, long[k]
     return None
 
 
-def _roomiest(curves, places, low, high):
-    """The largest distance of a name from the curves and the border, among places (x, length, y) by any key, and its key."""
-    rooms = ((min(y - low, high - y, _distance(curves, x, long, y)), key) for key, (x, long, y) in places.items())
-    return max(rooms, default=(0.0, (0, 0.0)))
+def _spans(curves, x, long, low, high):
+    """Lowest and highest point of each curve, and of all beyond the axes, in a stretch of length `long` about x: shape (2, any).
 
-
-def _distance(curves, x, long, y):
-    """Distance from the curves of a horizontal stretch of length `long` with the middle x and the height y.
-
-    It is zero if a curve has points above and below, however far apart: an unstable branch is steep where it crosses zero.
+    No name fits between them, however far apart they are: an unstable branch is steep where it crosses zero.
     """
     near = (heights[abs(at - x) < long / 2] for at, heights in curves)
-    return min((max(np.nanmin(h) - y, y - np.nanmax(h), 0.0) for h in near if len(h)), default=np.inf)
+    return np.array([(-np.inf, low), (high, np.inf), *((np.nanmin(h), np.nanmax(h)) for h in near if len(h))]).T
 
 
 def _thinned(values, most):

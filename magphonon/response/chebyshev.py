@@ -61,6 +61,9 @@ RISE, ROUGH, PASSES, LOOSE, MISSED = 6.0, 3, 20, 10.0, 6
 """Logarithm by which a filter lifts the lowest eigenvalue above those that it holds down: 4 to 12 take as many products.  Number
 of eigenvalues by whose distances filters are chosen.  Restarts of Lanczos iterations, of which 2 to 7 suffice.  A tolerance that
 their first pass meets.  Number of modes they may miss."""
+TOP, ABOVE = 0.01, 1.02
+"""Accuracy of the highest eigenvalue, and how far above it filters end: the largest row sum is 37 % above it in a triangular
+lattice.  If an eigenvalue lay beyond, a filter would find that one, and random vectors would show it."""
 LONGEST = 1000  # products of a filter: eigenvalues closer together than 5e-6 of the highest are crowded, and factors sooner there
 
 
@@ -257,27 +260,31 @@ def lowest_by_products(K: Products, size: int, count: int) -> tuple[NDArray[np.f
 
     A filter T_d(X), where X is K with the interval from a bound to the top put between -1 and 1, is at most 1 there and rises
     steeply below the bound: the lowest eigenvalues of K, which are crowded, become the few large ones of the filter, and Lanczos
-    iterations find them at once.  The bound follows from the distances of ROUGH eigenvalues, by longer and longer filters.
+    iterations find them at once.  The top and the first bound follow from both ends of the spectrum, found to a hundredth; the
+    next bounds from the distances of ROUGH eigenvalues, by longer and longer filters.
 
     Then a random vector orthogonal to all modes found is filtered again and again.  It cannot grow, unless a mode was missed: its
     part along one of the `count` lowest would rise from above CHANCE, except with this probability.  What grows is added to the
     modes, as the partners of modes with equal frequencies are.  `Crowded` if this does not end, or if round-off of modes far
     below the others would grow as well.
     """
-    K, random, low = _products(K), np.random.default_rng(0), 0.0
-    start, bound = random.normal(size=size), K.row_sum / 16
+    K, random = _products(K), np.random.default_rng(0)
+    start = random.normal(size=size)
+    top = ABOVE * _highest(lambda v: _times(K, v), start)
+    low = top - _highest(lambda v: top * v - _times(K, v), start)
+    bound = low + (top - low) / 16
     while True:
-        values, vectors, left = _lowest_filtered(_Filter(K, low, bound), ROUGH, start, LOOSE)
+        values, vectors, left = _lowest_filtered(_Filter(K, low, bound, top), ROUGH, start, LOOSE)
         start, low, width = vectors.sum(axis=1), values[0], values[-1] - values[0]
         if left.max() < width:
             break
         bound = low + ROUGH * width
     more = count + count // 2 + 2  # so far above the wanted ones nothing may grow
-    bound, start = low + 4 * width * more / ROUGH, random.normal(size=size)
-    values, vectors, left = _lowest_filtered(_Filter(K, low, bound), more, start, CERTAIN)
+    bound, start = low + 3 * width * more / ROUGH, random.normal(size=size)
+    values, vectors, left = _lowest_filtered(_Filter(K, low, bound, top), more, start, CERTAIN)
     for _ in range(MISSED if len(values) > count else 0):
         grown = _orthogonal(random.normal(size=size), vectors)
-        filtered, longest = _Filter(K, values[count - 1], values[-1]), np.linalg.norm(grown)
+        filtered, longest = _Filter(K, values[count - 1], values[-1], top), np.linalg.norm(grown)
         for _ in range(int(np.log(longest / CHANCE) / np.log(np.cosh(RISE))) + 1):
             with np.errstate(all='ignore'):
                 grown = _orthogonal(filtered(grown), vectors)
@@ -296,9 +303,9 @@ def _orthogonal(s, vectors):
 class _Filter:
     """The function v -> T_d(X) v that is about e^RISE/2 at the eigenvalue `low`, and at most 1 from the `bound` to the top."""
 
-    def __init__(self, K, low, bound):
-        bound = min(bound, K.row_sum / 2)  # the wanted modes of a small structure may lie far apart
-        self.K, radius, above = K, (K.row_sum - bound) / 2, bound - low
+    def __init__(self, K, low, bound, top):
+        bound = min(bound, top / 2)  # the wanted modes of a small structure may lie far apart
+        self.K, radius, above = K, (top - bound) / 2, bound - low
         degree = RISE / np.arccosh(1 + above / radius) if above > 0 else np.inf
         if degree > LONGEST:
             raise Crowded
@@ -322,11 +329,23 @@ def _lowest_filtered(filtered, count, start, tolerance):
     return _eigenpairs(filtered.K, V)
 
 
+def _highest(function, start):
+    """The highest eigenvalue of a symmetric matrix, given as a function that multiplies it with a vector, to TOP of its size."""
+    operator = LinearOperator((len(start), len(start)), function, dtype=float)  # pyright: ignore[reportCallIssue]  its stubs
+    return eigsh(operator, 1, which='LA', v0=start, tol=TOP, return_eigenvectors=False)[0]
+
+
+def _times(K, V):
+    """K V of vectors, shape (size, columns), or of one, shape (size,)."""
+    x = K.enter(V.reshape(len(V), -1))
+    y = 0 * x
+    K.advance(x, y)
+    return K.leave(y).reshape(V.shape)
+
+
 def _eigenpairs(K, V):
     """Eigenvalues of K between orthonormal vectors, ascending, with eigenvectors and residuals."""
-    y = K.enter(np.zeros_like(V))
-    K.advance(K.enter(V), y)
-    KV = K.leave(y)
+    KV = _times(K, V)
     values, turn = np.linalg.eigh(V.T @ KV)
     V = V @ turn
     return values, V, np.linalg.norm(KV @ turn - V * values, axis=0)

@@ -11,6 +11,8 @@ import numpy as np
 from ase import Atoms
 from ase.cell import Cell
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from scipy.spatial import KDTree
 
 from .. import units
 from ..errors import Unstable, finite, refuse_memory, whole
@@ -89,7 +91,7 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     if system.turning:
         omega, vectors = (part[..., :count] for part in lossless_modes(system.B().toarray(), system.K.toarray()))
         return Modes(omega, _fixed(np.arange(count), (system.shapes @ vectors).T, system))
-    squares, vectors = np.linalg.eigh(system.K.toarray()) if count == size else _lowest(system, count)
+    squares, vectors = _diagonalised(system.K, _mirrors(system)) if count == size else _lowest(system, count)
     return Modes(signed_root(squares), _fixed(squares / (abs(system.K).max() or 1.0), (system.shapes @ vectors).T, system))
 
 
@@ -99,9 +101,47 @@ def _lowest(system, count):
         from .chebyshev import Crowded, Matrix, lowest_by_products, products_of
 
         if not isinstance(K := products_of(system), Matrix):
-            with suppress(Crowded):
+            with suppress(Crowded, sparse.linalg.ArpackError):  # the latter where nothing resists
                 return lowest_by_products(K, system.directions, count)
     return lowest_eigenpairs(system.K, count)
+
+
+def _mirrors(system):
+    """Reflections of a structure along each axis, as matrices of its coordinates, where they leave K as it is.
+
+    Their coordinates are exchanged in pairs or stay, with a sign: in each row and column one number is not zero, 1 or -1.
+    """
+    if system.directions <= SMALL:
+        return []
+    places, dim, found = system.atoms.positions, system.dim, []
+    middle = (places.max(axis=0) + places.min(axis=0)) / 2
+    for turn in 1 - 2 * np.eye(3)[:dim]:
+        partner = KDTree(places).query(middle + turn * (places - middle))[1]
+        exchange = sparse.kron(sparse.eye_array(len(places), format='csr')[partner], sparse.diags_array(turn[:dim]))
+        P = sparse.csr_array(system.free.T @ exchange @ system.free)
+        once = P.nnz == system.directions and (abs(P.data) == 1).all()
+        if once and not (P != P.T).nnz and abs(P @ system.K @ P - system.K).max() <= ROUND_OFF * abs(system.K).max():
+            found.append(P)
+    return found
+
+
+def _diagonalised(K, mirrors):
+    """All eigenvalues of a sparse K, ascending, and its eigenvectors, of which each is even or odd in each of the `mirrors`.
+
+    Those of one parity take an eighth of the time of all.
+    """
+    if not mirrors:
+        return np.linalg.eigh(K.toarray())
+    (P, *others), parts = mirrors, []
+    for sign in (1, -1):
+        Q = sparse.csc_array(sparse.eye_array(K.shape[0]) + sign * P)[:, P.indices >= np.arange(K.shape[0])]  # one of each pair
+        length = np.sqrt(Q.power(2).sum(axis=0))
+        Q = Q[:, length > 0.5] @ sparse.diags_array(1 / length[length > 0.5])
+        values, vectors = _diagonalised(Q.T @ K @ Q, [Q.T @ other @ Q for other in others])
+        parts.append((values, Q @ vectors))
+    values, vectors = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
+    order = np.argsort(values)
+    return values[order], vectors[:, order]
 
 
 def _refuse_all(system):
@@ -221,15 +261,15 @@ def localisation(found: Modes, atoms: Atoms | LinearSystem) -> Localisation:
     centre, spread = np.empty((len(share), dim)), np.empty(len(share))
     # a vector along which nothing repeats may be missing, or lean over the periodic ones
     cell = Cell(np.where(rest.pbc[:, None], rest.cell.array, 0)).complete()
-    reciprocal = np.linalg.inv(cell.array)  # once, for all modes
+    reciprocal, places = np.linalg.inv(cell.array), rest.positions.T.copy()  # sums over rows are fast
     for mode, weight in enumerate(share):
-        at = rest.positions[weight.argmax()]
-        away = rest.positions - at
+        at = places[:, weight.argmax()]
+        away = places - at[:, None]
         if rest.pbc.any():
-            away -= (away @ reciprocal).round() * rest.pbc @ cell.array
-        middle = weight @ away
-        centre[mode] = (at + middle)[:dim]
-        spread[mode] = weight @ ((away - middle)[:, :dim] ** 2).sum(axis=1)
+            away -= cell.array.T @ (rest.pbc[:, None] * (reciprocal.T @ away).round())
+        middle = away[:dim] @ weight
+        centre[mode] = at[:dim] + middle
+        spread[mode] = ((away[:dim] - middle[:, None]) ** 2).sum(axis=0) @ weight
     d = max(1, np.linalg.matrix_rank(rest.positions - rest.positions[0], tol=1e-6 * np.ptp(rest.positions)))
     length = np.sqrt(4 * spread / (d * (d + 1)))  # of shares e^{-2r/l} the second moment is d (d + 1) l^2/4
     return Localisation(found.omega, 1 / (share**2).sum(axis=1), centre, length, energy.sum(axis=1))

@@ -18,7 +18,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
-import ase.io
 import numpy as np
 from ase import Atoms
 from ase.dft.kpoints import BandPath
@@ -467,7 +466,7 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
     tables = _tables_of(_checked(atoms), title, beside.name)
     scene_of(tables, atoms)  # with all checks of a scene that is read
     with whole_file(beside, 'wb') as particles, whole_file(path) as file:
-        ase.io.write(particles, atoms, format='traj')
+        atoms.write(particles, format='traj')
         file.write(f'# The particles, their law, bonds and foundation are in {beside.name}, to the last bit: {atoms.calc!r}\n')
         file.write(toml(tables))
 

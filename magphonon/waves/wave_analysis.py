@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -211,7 +212,7 @@ class Wave:
         """Number of ridge points to whose uncertainty oblique waves contribute more than all other causes."""
         return 0 if self.ridge is None or self.blur is None else int((self.blur > self.ridge.sigma_xi).sum())
 
-    @property
+    @cached_property
     def misfits(self) -> dict[tuple[str, str], Misfit]:
         """Distance of the ridge from each branch, a dict of Misfit; empty without a ridge."""
         if self.ridge is None:

@@ -21,7 +21,7 @@ from ..dynamics.engine import fastest, highest_frequency
 from ..dynamics.lammps import run_lammps
 from ..dynamics.motion import Motion
 from ..dynamics.recorder import Recorder
-from ..dynamics.splittings import SPLITTINGS, StepsTooLong, step_within
+from ..dynamics.splittings import SPLITTINGS, StepsTooLong
 from ..dynamics.verlet import DrivenVerlet
 from ..errors import not_negative, one_of, positive
 from ..stiffness.repulsion import repulsion_of
@@ -41,6 +41,7 @@ SAMPLES = 12
 these resolve harmonics up to the fifth; in a film with fewer frames, crests seem to run backwards."""
 SNAPSHOTS = 24  # number of times at which the whole patch is recorded
 ROUND_OFF = 1e-9  # displacement, as a fraction of the shortest bond, below which a particle is at rest
+ROUND_OFF_PER_RADIAN = 1e-13  # error by round-off in a radian of the fastest wave
 
 
 def wavevector(cell: Atoms, source: str) -> NDArray[np.float64]:
@@ -243,7 +244,7 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     seen = np.union1d(site.row, site.driven)
     if tolerance is not None:
         only = engine == 'lammps' or patch.calc.turning
-        dt, _ = step_within(tolerance, fastest(top**2, patch.calc.turning), duration, frame, (2,) if only else tuple(SPLITTINGS))
+        dt = _step_within(tolerance, fastest(top**2, patch.calc.turning), duration, frame, (2,) if only else SPLITTINGS)
 
     def moved(dt):
         """Motion of the row and of the whole patch in time steps of `dt`."""
@@ -288,6 +289,14 @@ def _refuse_above(carrier, highest, model):
         raise ValueError(f'the carrier of {units.hertz(carrier):.6g} Hz lies above the highest frequency of the '
                          f'patch in the {model} model, {units.hertz(highest):.6g} Hz, where nothing propagates; lower it'
                          + (' (the conventional model reaches higher)' if model == 'complete' else ''))
+
+
+def _step_within(tolerance, omega, duration, frame, orders):
+    """The time step in ms that meets a tolerance with the fewest evaluations of forces; a whole number of them makes a frame."""
+    if tolerance < ROUND_OFF_PER_RADIAN * omega * duration:
+        raise ValueError(f'a tolerance of {tolerance:g} is below the round-off of {duration:.6g} ms of motion; take a larger one')
+    counts = {order: int(np.ceil(omega * frame / SPLITTINGS[order].longest(omega * duration, tolerance))) for order in orders}
+    return frame / counts[min(counts, key=lambda order: SPLITTINGS[order].stages * counts[order])]
 
 
 def _at_rest(patch):

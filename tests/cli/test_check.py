@@ -24,21 +24,21 @@ SCENES = {
         'highest frequency of 149.5 Hz',
         'a cut-off frequency of 26.5507 Hz']),  # sqrt(19.6757 N/m / 0.70698 g)/2 pi
     'chain on springs': ('chain', {}, FINE, [
-        'Stable in the plane: the foundation of 5e+04 N/m is 25 % more than the 4e+04 N/m needed.',
+        'Stable in the plane: the foundation of 50 kN/m is 25 % more than the 40 kN/m needed.',
         'below a spacing of 0.9564 m']),  # 4 f/L0 = 4e4 s^-5 = 5e4
     'chain on too soft springs': ('chain', {'5e4': '3e4'}, BAD, [
         'Lattice: UNSTABLE (1 problem)', 'buckles in the plane, with the softest mode at q = (0.5, 0, 0)',
         'grows e-fold in 0.01 s',  # sqrt((4e4 - 3e4)/1 kg) = 100/s
-        'needs a foundation of 4e+04 N/m and has 3e+04 N/m', 'A spacing above 1.059 m would also make it stable']),  # (4/3)^(1/5)
+        'needs a foundation of 40 kN/m and has 30 kN/m', 'A spacing above 1.059 m would also make it stable']),  # (4/3)^(1/5)
     'triangular, a = 2.9': ('ideal', {'a = 4.0': 'a = 2.9'}, BAD, [
         'needs a foundation of 2000 N/m and has 0 N/m']),  # 2 (3 - a) f/L0
     'triangular, a = 3.1': ('ideal', {'a = 4.0': 'a = 3.1'}, FINE, [
         'Stable in the plane, even without a foundation', 'The linear theory holds for small motion']),
     'square on nothing': ('ideal', {'kind = "triangular"': 'kind = "square"', 'GMKG': 'GXM'}, BAD, [
-        'needs a foundation of 4e+04 N/m and has 0 N/m']),
+        'needs a foundation of 40 kN/m and has 0 N/m']),
     'kagome just held': ('ideal', {'kind = "triangular"': 'kind = "kagome"',
                                    '[bands]': '[foundation]\nstiffness_N_per_m = 6.06e4\n\n[bands]'}, FINE, [
-        '1 % more than the 6e+04 N/m needed']),  # 6 f/L0
+        '1 % more than the 60 kN/m needed']),  # 6 f/L0
     'oscillator at 60 degrees': ('oscillator', {'theta0_deg = 30.0': 'theta0_deg = 60.0'}, FINE, [
         'A constant force of -27320.5 N']),  # (1 + 2 sin 60) f
     'oscillator flat and of a long reach': ('oscillator', {'theta0_deg = 30.0': 'theta0_deg = 5.0', 'a = 4.0': 'a = 1.5'}, BAD, [
@@ -51,7 +51,7 @@ SCENES = {
         'Lattice: OK\n', 'particles, more than 20000, and is not checked separately']),
     'steel balls': ('steel', {}, FINE, [
         # 9 f/L0 at K, f = A (D - r)^1.5 = 55.45 N; no word of other spacings, at which balls are not in contact
-        'Stable in the plane, even without a foundation.\n', 'an out-of-plane stiffness of at least 2.496e+04 N/m.']),
+        'Stable in the plane, even without a foundation.\n', 'an out-of-plane stiffness of at least 24.96 kN/m.']),
 }
 
 

@@ -1,6 +1,5 @@
 """What holds for all drawings: pyplot is left alone, given axes are used, and axes have the units of their labels."""
 
-
 import numpy as np
 import pytest
 from cells import prototype

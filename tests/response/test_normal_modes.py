@@ -1,6 +1,5 @@
 """Modes and frequency responses: chains in closed form, direct solution, and where each way of computing them ends."""
 
-
 from contextlib import suppress
 
 import numpy as np
@@ -13,7 +12,7 @@ from scipy.sparse.linalg import eigsh
 from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, lattices
-from magphonon.response import chebyshev, frf
+from magphonon.response import chebyshev, frf, normal_modes
 from magphonon.response.chebyshev import (
     BLOCK,
     Crowded,
@@ -137,6 +136,23 @@ def test_equal_frequencies_have_one_shape_on_every_processor(monkeypatch, seed):
         assert_allclose(alike[:, at], [moved[at], *np.zeros(len(alike) - 1)], atol=1e-12)
 
 
+@pytest.mark.parametrize('heavier', [False, True])
+@pytest.mark.parametrize(('shape', 'side', 'mirrors'), [(lattices.hexagon, 9, 2), (lattices.half_hexagon, 14, 1),
+                                                        (lattices.hexagon, 5, 0)])  # small ones are not split
+def test_modes_of_each_parity_are_those_of_the_whole(shape, side, mirrors, heavier):
+    atoms = shape(lattices.triangular(1.0, 0.7), side)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=np.random.default_rng(side).uniform(1, 3))
+    k = np.linalg.norm(atoms.positions - atoms.positions.mean(axis=0) - [2.1, 0.9, 0], axis=1).argmin()  # beside the middle
+    atoms.set_masses(0.7 + 0.3 * heavier * (np.arange(len(atoms)) == k))
+    system = LinearSystem.of(atoms)
+    assert len(normal_modes._mirrors(system)) == mirrors * (not heavier)
+    found, squares = modes(system), np.linalg.eigvalsh(system.K.toarray())
+    assert_allclose(found.omega * abs(found.omega), squares, atol=1e-12 * squares[-1])
+    y = np.sqrt(np.repeat(atoms.get_masses(), 2)) * found.shapes.reshape(len(squares), -1) @ system.free
+    assert_allclose(y @ y.T, np.eye(len(y)), atol=1e-12)
+    assert_allclose(system.K @ y.T, y.T * squares, atol=1e-11 * squares[-1])
+
+
 def test_modes_are_those_about_rest():
     atoms, moved = patch(), patch()
     moved.positions[24] += 0.3
@@ -207,14 +223,14 @@ def test_the_interval_holds_the_spectrum():
 
 @pytest.mark.parametrize('seed', few_first(range(60), 4))
 def test_products_find_the_lowest_of_drawn_patches(seed):
-    """Hexagons have pairs of equal frequency; without a foundation some patches are unstable."""
+    """Hexagons have pairs of equal frequency; on soft springs some patches are unstable, on stiff ones no frequency is low."""
     rng = np.random.default_rng(seed)
     shape = [lattices.hexagon, lattices.rectangle][seed % 2]
     atoms = shape(lattices.triangular(1.0, 0.7), *rng.uniform(5, 7, 1 + seed % 2) * [1, 1.5][seed % 2])
     if seed % 3:
         atoms = atoms[rng.random(len(atoms)) > 0.1]
         atoms.set_masses(rng.uniform(0.5, 2, len(atoms)))
-    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=rng.uniform(0, 3))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=rng.uniform(0, 3) + 60 * (seed % 4 == 1))
     atoms.calc = atoms.calc.balanced(np.arange(len(atoms)))
     K, count = LinearSystem.of(atoms).K, int(rng.integers(1, 13))
     squares = np.linalg.eigvalsh(K.toarray())
@@ -225,11 +241,9 @@ def test_products_find_the_lowest_of_drawn_patches(seed):
 
 
 def test_products_do_not_find_what_is_crowded():
-    with pytest.raises(Crowded):  # one value for all
-        lowest_by_products(sparse.csr_array(2.0 * sparse.eye_array(300)), 300, 4)
-    crowded = np.append(np.linspace(1, 1 + 1e-9, 20), np.linspace(2, 3, 280))
-    with pytest.raises(Crowded):
-        lowest_by_products(sparse.csr_array(sparse.diags_array(crowded)), 300, 4)
+    for squares in (np.full(300, 2.0), np.append(np.linspace(1, 1 + 1e-9, 20), np.linspace(2, 3, 280))):
+        with pytest.raises(Crowded):
+            lowest_by_products(sparse.csr_array(sparse.diags_array(squares)), 300, 4)
 
 
 @pytest.mark.parametrize('seed', [40, 56, 3])
