@@ -1,8 +1,8 @@
 """The demultiplexer on the bench: who can design it, what each tolerance costs, and trim.
 
 `python -m workflows.demultiplexer [-o DIR]` designs with four models at equal effort, builds copies of the ready scene with the
-errors of a workshop, and trims those that fell below 30 dB; some minutes.  With `--device` it designs the device of the ready
-scene again, as DIR/designed.csv: two minutes of one core.  An independent solver (built_device.py) judges.
+errors of a workshop, and trims those that fell below 30 dB; some minutes.  With `--device` it designs another such device,
+DIR/designed.csv, in two minutes of one core.  An independent solver (built_device.py) judges.
 """
 
 import argparse
@@ -128,7 +128,7 @@ def written(path, header, rows):
 def main(arguments=None):
     """Design, build, trim; print the tables and write them."""
     parser = argparse.ArgumentParser(prog='python -m workflows.demultiplexer', description=__doc__.partition('\n')[0])
-    parser.add_argument('--device', action='store_true', help='design the device of the ready scene again')
+    parser.add_argument('--device', action='store_true', help='design another device like that of the ready scene')
     parser.add_argument('-o', '--out', type=Path, default=Path('out'), metavar='DIR')
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
