@@ -60,9 +60,8 @@ print(f'in four of five copies: {copies.reached(80):.1f} dB')
 # --------------------
 # With ``errors`` the design is made for copies, eight new ones at each step, and ``parts`` are what the shop has: five grades
 # of magnets and four rods.  The moving mass follows the rod, which is taken as a cantilever: its stiffness depends on the
-# frequency.  A hundred steps take seconds.  The device below took 4800 steps of four copies, XXX of one core:
-# ``python -m workflows.demultiplexer --device`` designs another one like it (every rounding ends in other parts).  For this the
-# errors of the force and of the source were 1.3 times as large as they are, so that rare copies, far off in both, count for more.
+# frequency.  A hundred steps take seconds; the device below took 3600.  ``python -m workflows.demultiplexer --device`` designs
+# another one, in 4800 steps of four copies and two minutes of one core.
 
 design = optimise(patch, targets, over, parts={'strength': [0.87, 0.93, 1.0, 1.07, 1.15], 'rod': RODS}, errors=errors,
                   rod_mass=rod, steps=60)
@@ -93,9 +92,9 @@ letter_panels(axes)
 # -------------------------
 # ``python -m workflows.demultiplexer`` has built 100 copies for each row, with other errors.  A solver that shares no code with
 # the package has judged them, with all pairs of magnets within 50 mm and both motions at each port.  The number is the contrast
-# that 80 of 100 copies reach.  The command also builds 1200 further copies, with the errors of the first row: 89(1) % keep 30 dB,
-# and all but one keep 20 dB.  Pairs farther apart than 50 mm cost the perfect device some decibels, 50.6 and 46.4 instead of 50.8
-# and 49.5 (``reach=np.inf`` of ``workflows.built_device``), and of the 100 copies 92 keep 30 dB then, not 94.
+# that 80 of 100 copies reach.  The command also builds 1200 further copies, with the errors of the first row: 81(1) % keep 30 dB
+# and 99.6(2) % keep 20 dB.  Pairs farther apart than 50 mm cost the perfect device some decibels, 50.5 and 38.1 instead of 56.0
+# and 42.7 (``reach=np.inf`` of ``workflows.built_device``), and of the 100 copies 81 keep 30 dB then, not 85.
 
 import csv
 from importlib.resources import files
@@ -111,8 +110,8 @@ for row in table('copies'):
 
 # %%
 # Place the feet to 0.1 mm: at 0.3 mm more than 10 dB are lost, and no other tolerance costs as much.  The rim must be mounted
-# stiffly: beams 256 times as stiff as a rod cost half a decibel, and those 64 times as stiff 17 dB.  With 1000 times nothing is
-# lost (``rim=1000`` of ``workflows.built_device``), so softer beams belong to the model.  The judge's rods are cantilevers with waves
+# stiffly: beams 256 times as stiff as a rod cost 2.5 dB, and those 64 times as stiff 24 dB.  With 1000 times it is half a decibel
+# (``rim=1000`` of ``workflows.built_device``), so softer beams belong to the model.  The judge's rods are cantilevers with waves
 # of their own; as springs with 33/140 of their mass they would do nearly as well.
 #
 # The last four rows are designs of 250 steps each. Who designs with D0, or with nearest neighbours alone, has no demultiplexer:

@@ -304,12 +304,6 @@ class ManyUnknowns:
                 break
         return place
 
-    def likely(self, place: Place, rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-        """Unknowns drawn from all that explain the responses as well, to first order about a point, shape (count, unknowns)."""
-        r, _, A = self.linear(place)
-        z, noise = rng.normal(size=(count, len(place.z))), rng.normal(size=(count, len(r)))
-        return place.z + z - Eliminated(A)(A @ z.T + noise.T).T @ A
-
     def _stepped(self, place, at, damping):
         """The point after one step; None if it is too long: magnets then touch, or nothing holds them."""
         (x, z, *_), known, C = place, self.before.information, Eliminated(at.A, 1 + damping)

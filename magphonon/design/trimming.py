@@ -7,8 +7,7 @@ The unknowns are the deviations z of all parts in standard deviations of their e
 with the responses x and y to unit forces at the place that is seen and at the source.  There are far fewer responses than
 unknowns, so that the steps are solved in the space of the responses (`site_unknowns.ManyUnknowns`).  From the device as it was
 designed they end in a wrong minimum, because peaks are off by many widths. So the force of the batch, which shifts all of them
-together, is scanned first, and then the noise is taken to be much larger than it is and falls.  What the responses leave open
-remains as uncertain as the errors say: an exchange must be good for several copies that would all have been heard like this one.
+together, is scanned first, and then the noise is taken to be much larger than it is and falls.
 """
 
 from __future__ import annotations
@@ -43,8 +42,7 @@ MOST_CHI = 2.0  # above which a copy is not explained: that of the right device 
 # identified by right and wrong models, those with 1.5 to 2 gained 5.6 dB in the median, as those below, and none below 5 lost any
 SOURCES = 3**0.5 * np.array([-1, 0, 1])  # deviations of the source's frequency, in standard deviations: the nodes of a Gaussian
 TAU = 3.0  # width of the soft minimum over targets and these frequencies, in the unit of the objective
-TRIED = 40  # exchanges that are tried for each one that is chosen, by their effect to first order
-LIKELY = 6  # copies that explain the responses, on the mean of which an exchange is judged
+TRIED = 60  # exchanges that are tried for each one that is chosen, by their effect to first order
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +55,7 @@ class Trim:
     strengths : tuple of float
         Of the new magnets at these sites, as in the stock.
     built, expected : float
-        The worst target for a source that may be off its frequency, before and after: the mean of likely copies.
+        The worst target of the copy as it was identified, for a source that may be off its frequency, before and after.
     chi : float
         Root of the minimum, `|(h - h(z))/sigma|^2 + |z|^2`, over the number of residuals: about 1 for the right device, whose
         deviations are as large as its errors say.
@@ -132,8 +130,7 @@ def trim(atoms: Atoms, objective: Objective | Sequence[Objective], measured: Seq
     identified, factor = errors.parts(place.z, *structure.shape), float(np.exp(place.x[0]))
     sources = [one.tuned(float(np.exp(errors.frequency_percent / 100 * off)), factor) for one in targets
                for off in (SOURCES if errors.frequency_percent else [0.0])]
-    likely = [errors.parts(z, *structure.shape) for z in copy.likely(place, np.random.default_rng(0), LIKELY)]
-    now, chosen = _State.of(structure, likely, sources, [copy.near] * LIKELY), {}
+    now, chosen = _State.of(structure, identified, sources, copy.near), {}
     before = now.worst
     for _ in range(whole('exchanges', exchanges)):
         tried = [(now.exchanged(structure, site, strength, sources), site, strength)
@@ -157,37 +154,33 @@ def _refuse_unplaced(measured, stock):
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Likely copies with some parts, at rest, and the worst of the targets in the mean over the copies."""
+    """A copy with some parts, at rest, and the worst of its targets."""
 
-    parts: Sequence[Parts]
-    rests: Sequence[Rest]
+    parts: Parts
+    rest: Any
     worst: float
 
     @classmethod
     def of(cls, structure, parts, sources, near):
-        """The copies at rest; -inf if one buckles."""
+        """The copy at rest; -inf if it buckles."""
         try:
-            rests = [structure.rest(each, rest, rest.model) for each, rest in zip(parts, near, strict=True)]
+            rest = structure.rest(parts, near, near.model)
         except Unstable:
-            return cls(parts, (), -np.inf)
-        return cls(parts, rests, float(np.mean([min(one.value(rest) for one in sources) for rest in rests])))
+            return cls(parts, None, -np.inf)
+        return cls(parts, rest, min(one.value(rest) for one in sources))
 
     def exchanged(self, structure, site, strength, sources):
-        """The copies with a magnet of exactly this strength at a site."""
-        factors = [np.array(np.broadcast_to(each.strength, structure.shape[:1])) for each in self.parts]
-        for each in factors:
-            each[site] = strength / structure.strengths[site]
-        parts = [replace(each, strength=new) for each, new in zip(self.parts, factors, strict=True)]
-        return self.of(structure, parts, sources, self.rests)
+        """The copy with a magnet of exactly this strength at a site."""
+        factors = np.array(np.broadcast_to(self.parts.strength, structure.shape[:1]))
+        factors[site] = strength / structure.strengths[site]
+        return self.of(structure, replace(self.parts, strength=factors), sources, self.rest)
 
     def promising(self, structure, sources, stock, chosen):
         """Sites and strengths of exchanges whose effect on the targets is largest to first order, of either sign."""
-        change: Any = 0.0
-        for parts, rest in zip(self.parts, self.rests, strict=True):
-            found = [one.value_and_slope(rest) for one in sources]
-            share = soft_minimum(np.array([value for value, _ in found]), TAU)[1]
-            slope = site_slopes(rest, sum((c * one for c, (_, one) in zip(share, found, strict=True)), Slope()))['strength']
-            change = change + slope[:, None] * np.log(stock / (structure.strengths * parts.strength)[:, None])
+        found = [one.value_and_slope(self.rest) for one in sources]
+        share = soft_minimum(np.array([value for value, _ in found]), TAU)[1]
+        slope = site_slopes(self.rest, sum((c * one for c, (_, one) in zip(share, found, strict=True)), Slope()))['strength']
+        change = slope[:, None] * np.log(stock / (structure.strengths * self.parts.strength)[:, None])
         change[~structure.system.mobile] = change[list(chosen)] = 0.0
         order = np.argsort(-abs(change), axis=None)[:TRIED]
         return [(int(k // len(stock)), float(stock[k % len(stock)])) for k in order if change.flat[k]]

@@ -95,7 +95,7 @@ def test_the_tone_in_a_structure_from_a_table_is_the_exact_motion(removed, opene
         atoms = Atoms('H' * len(table), np.column_stack([table[:, :2], np.zeros(len(table))]) * u.m,
                       masses=table[:, 2] * u.kg, constraint=FixAtoms(np.flatnonzero(table[:, 5])))
         law = InversePower(1.6209e-10 * u.N * u.m**4.5824, 4.5824)
-        atoms.calc = MagneticRepulsion(atoms, law, cutoff=45.1 * u.mm, strengths=table[:, 3], model=model,
+        atoms.calc = MagneticRepulsion(atoms, law, cutoff=45 * u.mm, strengths=table[:, 3], model=model,
                                        gyration=drive['gyration_rad_per_s'] * 1e-3, foundation=table[:, 4] * u.N / u.m)
         atoms = relaxed(atoms).atoms
         motions[model] = exact_motion(told, model, atoms, time)
