@@ -72,7 +72,7 @@ class Layout:
 
 def arrange(atoms: Atoms, bonds: Bonds, dim: int) -> Layout:
     """The layout of a structure of particles with `dim` components of a displacement."""
-    other: Any = np.s_[:] if (bonds.i != bonds.j).all() else bonds.i != bonds.j
+    other: Any = np.s_[:] if (bonds.i != bonds.j).all() else np.flatnonzero(bonds.i != bonds.j)
     i, j, R = bonds.i[other], bonds.j[other], bonds.vectors[other, :dim]
     slot = atoms.arrays.get('site', np.arange(len(atoms)))
     found = None
