@@ -47,7 +47,7 @@ class Layout:
         The slot of each particle.
     length : int
         Number of slots, including the empty ones before the first and behind the last particle to which offsets lead.
-    bond : ndarray of int or slice
+    bond : ndarray of int, or slice
         The bonds in the list of bonds; a bond to one's own image never changes, and is left out.
     i, j : ndarray of int, shape (bonds,)
         Slots that each bond joins, on a grid the lower one first.  Where neighbours are looked up, each bond is there twice, from
@@ -72,7 +72,7 @@ class Layout:
 
 def arrange(atoms: Atoms, bonds: Bonds, dim: int) -> Layout:
     """The layout of a structure of particles with `dim` components of a displacement."""
-    other: Any = np.s_[:] if (bonds.i != bonds.j).all() else bonds.i != bonds.j
+    other: Any = np.s_[:] if (bonds.i != bonds.j).all() else np.flatnonzero(bonds.i != bonds.j)
     i, j, R = bonds.i[other], bonds.j[other], bonds.vectors[other, :dim]
     slot = atoms.arrays.get('site', np.arange(len(atoms)))
     found = None

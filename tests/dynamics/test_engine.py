@@ -68,7 +68,7 @@ class Drawn:
         cell = getattr(lattices, name)(L0, MASS)
         atoms = lattices.hexagon(cell, 45.0) if rng.random() < 0.5 else lattices.parallelogram(cell, 9, 8)
         if self.one('periodic', 0.15):
-            atoms = cell.repeat((5, 4, 1))
+            atoms = cell.repeat((5, 4, 1) if rng.random() < 0.5 else (1, 12, 1))  # bonded to images of themselves
         if self.one('holes', 0.3):
             atoms = atoms[np.sort(rng.permutation(len(atoms))[: round(0.95 * len(atoms))])]
         if self.one('scattered', 0.3):
