@@ -228,7 +228,7 @@ def main():
     parser.add_argument('modules', nargs='+', help='as stiffness/matrices')
     parser.add_argument('--sample', type=int, default=8, help='mutants of each module (8)')
     parser.add_argument('--seed', type=int, default=0)
-    parser.add_argument('--more', nargs='*', default=[], help='tests for what survives its room, as tests/test_differential.py')
+    parser.add_argument('--more', nargs='*', default=[], help='tests for what survives, as tests/test_methods_compared.py')
     options = parser.parse_args()
     for library in LIBRARIES:
         with contextlib.suppress(ImportError):

@@ -21,7 +21,7 @@ hypothesis.settings.load_profile('everywhere')  # the same draws in every run, o
 if 'PYTEST_XDIST_WORKER' in os.environ:
     os.environ['NUMBA_CACHE_DIR'] = str(Path(tempfile.gettempdir(), f'magphonon-numba-{os.environ["PYTEST_XDIST_WORKER"]}'))
 
-COMPILED = 'tests/dynamics/', 'tests/test_differential.py'  # where most steps are compiled, which takes a minute
+COMPILED = 'tests/dynamics/'  # where most steps are compiled, which takes a minute
 
 
 @pytest.hookimpl(optionalhook=True)

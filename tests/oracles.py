@@ -53,9 +53,11 @@ def lattice(name, spacing=10.0, mass=0.7):
 
 def neighbour_vectors(atoms, reach, images=4):
     """Every ordered pair closer than `reach`, by brute force over the images: i, j, cell of j, vector from i to j."""
-    cells = [range(-images, images + 1) if periodic else (0,) for periodic in atoms.pbc]
-    for cell in product(*cells):
-        vectors = atoms.positions + np.array(cell) @ atoms.cell.array - atoms.positions[:, None]
+    cells = np.array(list(product(*(range(-images, images + 1) if periodic else (0,) for periodic in atoms.pbc))))
+    shifts = cells @ atoms.cell.array
+    near = np.linalg.norm(shifts, axis=1) < reach + np.linalg.norm(np.ptp(atoms.positions, axis=0))
+    for cell, shift in zip(map(tuple, cells[near].tolist()), shifts[near], strict=True):
+        vectors = atoms.positions + shift - atoms.positions[:, None]
         for i, j in np.argwhere(np.linalg.norm(vectors, axis=2) < reach):
             if i != j or any(cell):
                 yield int(i), int(j), cell, vectors[i, j]
@@ -190,7 +192,7 @@ def free_basis(atoms, dim):
 
 
 class OwnLaws:
-    """The energy of each pair by itself, a loop: `s_i s_j phi(r)`, with the law phi of the kinds of i and j.
+    """The energy of each pair: `s_i s_j phi(r)`, with the law phi of the kinds of i and j.
 
     Parameters
     ----------
@@ -201,11 +203,22 @@ class OwnLaws:
     """
 
     def __init__(self, laws, kinds, strengths, i, j):
-        self.each = [(strengths[a] * strengths[b], laws[frozenset((kinds[a], kinds[b]))]) for a, b in zip(i, j, strict=True)]
+        own = [laws[frozenset(pair)] for pair in zip(kinds[i].tolist(), kinds[j].tolist(), strict=True)]
+        self.strengths = strengths[i] * strengths[j]
+        self.each = [(law, np.array([one is law for one in own])) for law in set(own)]
+
+    def of_each(self, name, r):
+        """`phi` or `dphi` at distances whose last axis is that of the pairs."""
+        found = np.empty_like(r)
+        for law, own in self.each:
+            found[..., own] = getattr(law, name)(r[..., own])
+        return self.strengths * found
 
     def phi(self, r):
-        """Of distances whose last axis is that of the pairs."""
-        return np.stack([strength * law.phi(r[..., b]) for b, (strength, law) in enumerate(self.each)], axis=-1)
+        return self.of_each('phi', r)
+
+    def dphi(self, r):
+        return self.of_each('dphi', r)
 
 
 class Pairs:

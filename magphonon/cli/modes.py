@@ -111,10 +111,10 @@ def _draw_lattice(save, cell, bands, at):
     if not cell.calc.pairwise or tuple(cell.pbc) != PLANAR or cell.calc.dim != 2 or branches > MOST_BRANCHES:
         return ['no picture: modes are drawn only for planar lattices with a number of shells, motion in the plane and at most '
                 f'{MOST_BRANCHES} branches']
-    figure, axes = panels(len(at), branches, height=7.0 / max(branches, 2) + 0.2)
-    for row, where in zip(axes, at, strict=True):
-        for branch, ax in enumerate(np.atleast_1d(row)):
-            plot_mode(cell, bands, where, branch, ax=ax)
+    rows, columns = sorted((len(at), branches))  # as wide as can be: the picture should fit on a page
+    figure, axes = panels(rows, columns, height=7.0 / max(columns, 2) + 0.2)
+    for (branch, point), ax in np.ndenumerate(axes if rows == branches else axes.T):
+        plot_mode(cell, bands, at[point], branch, ax=ax)
     letter_panels(axes)
     legend_of_set(figure)
     save(figure, 'modes_lattice')

@@ -304,7 +304,7 @@ class _Filter:
     """The function v -> T_d(X) v that is about e^RISE/2 at the eigenvalue `low`, and at most 1 from the `bound` to the top."""
 
     def __init__(self, K, low, bound, top):
-        bound = min(bound, top / 2)  # the wanted modes of a small structure may lie far apart
+        bound = min(bound, (low + top) / 2)  # the wanted modes of a small structure may lie far apart
         self.K, radius, above = K, (top - bound) / 2, bound - low
         degree = RISE / np.arccosh(1 + above / radius) if above > 0 else np.inf
         if degree > LONGEST:

@@ -29,10 +29,10 @@ MOST_DIRECTIONS = 3000
 """Largest number of free directions for which `lowest_and_local` computes all modes."""
 MOST_TURNING = 1500  # the same limit with gyroscopic forces: matrices are complex and of twice the size
 LOWEST = 60  # number of the lowest modes of a larger patch
-BY_PRODUCTS = 40000
-"""Number of free directions from which products with K find modes sooner than its factors, if its bonds lie on a grid: three
-times as soon at 200 000, in a quarter of the memory.  In a periodic structure many waves have the same frequency, which takes
-products eight times as long."""
+BY_PRODUCTS = 16000
+"""Number of free directions from which products with K find modes sooner than its factors, if its bonds lie on a grid: four times
+as soon at 19 000, where to load what multiplies takes as long again, in a quarter of the memory at 200 000.  In a periodic
+structure many waves have the same frequency, which takes products eight times as long."""
 
 EQUAL = 1e-11  # difference of squared frequencies, as a fraction of the largest entry of K, up to which they are equal
 WELL = 0.37  # about a third, but no ratio that symmetry can produce, because round-off would then decide

@@ -23,7 +23,7 @@ class Drawn:
     """A structure in the plane that stands, with losses and gyration of each site in units of its fastest bond."""
 
     def __init__(self, seed, periodic):
-        self.case = structure(seed, periodic=periodic, most=6 if periodic else 24, constrained=not periodic, own=True)
+        self.case = structure(seed, periodic=periodic, most=6 if periodic else 24, guided=not periodic, strip=False, layer=False)
         self.truth, self.rng, n = self.case.truth, np.random.default_rng([seed, 7]), len(self.case.atoms)
         self.H, self.M, self.B = self.case.reduced(self.truth)
         self.stands = self.case.dim == 2 and self.H.size and np.linalg.eigvalsh(self.H)[0] > 1e-3 * abs(self.H).max()

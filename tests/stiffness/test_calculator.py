@@ -1,4 +1,4 @@
-"""The calculator as physics: forces are the slope of an energy, as `test_structures_and_questions` asks of drawn ones."""
+"""The calculator as physics: forces are the slope of an energy, as `test_methods_compared` asks of drawn ones."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Every site its own: what `tests/test_structures_and_questions.py` does not ask."""
+"""Every site its own: what `tests/test_methods_compared.py` does not ask."""
 
 import numpy as np
 import pytest
