@@ -18,7 +18,7 @@ from scipy.linalg import expm
 from ..interactions.bond_laws import labels, taken
 from ..lattices.bonds import lengths_of
 from ..stiffness.calculator import PairCalculator
-from ..stiffness.matrices import GROWS, hermitian_eigenvalues, own_stiffness, upper_part
+from ..stiffness.matrices import GROWS, hermitian_eigenvalues, upper_part
 from ..stiffness.rest import LinearSystem, components, freedom, static_forces
 from ..stiffness.sites import out_of_plane, refuse_motion_out_of_the_plane
 from ..traits import LINEAR, takes
@@ -155,7 +155,7 @@ def particle_bound(system: LinearSystem, u: NDArray[np.float64] | None = None) -
     calc, masses = system.calc, system.masses
     k = np.broadcast_to(calc.foundation, (len(masses), calc.dim)).max(axis=1)
     vectors = calc.bond_vectors if u is None else calc.displaced(u)[0]
-    own = own_stiffness(calc.bonds, upper_part(vectors, calc.interaction, calc.model))
+    own = calc.bonds.total(upper_part(vectors, calc.interaction, calc.model))
     squares = (k + 2 * hermitian_eigenvalues(own)[:, -1]) / masses
     return np.sqrt(squares[system.mobile].max(initial=0.0))
 

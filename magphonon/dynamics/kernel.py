@@ -34,6 +34,8 @@ try:
     from numba.core.options import DefaultOptions
     from numba.extending import intrinsic, overload
 
+    from ..lattices.cells import kept
+
     if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]  numba sets it from the environment
         raise ImportError('NUMBA_DISABLE_JIT is set')
 except ImportError as lack:
@@ -46,14 +48,6 @@ FAST = {'error_model': 'numpy', 'fastmath': {'contract', 'reassoc', 'nsz'}, 'no_
 
 
 # --- compiling -----------------------------------------------------------------------------------------------------------
-
-
-def kept(function):
-    """Compile a function, and keep the result on disk if numba finds a folder that it may write to."""
-    try:
-        return njit(cache=True, **OPTIONS)(function)
-    except RuntimeError:
-        return njit(**OPTIONS)(function)
 
 
 @intrinsic
@@ -223,7 +217,7 @@ def correct(u, w, v, kick, drift, n, lo, hi, pushed, guided, led):
             w[x][walls[m]] = places[n, m, x]
 
 
-@kept
+@kept(**OPTIONS)
 def stages(u, w, v, h, r, bonds, sites, flow, reach, runs, part, pushed, guided, led, some):
     """Do the stages some[0] to some[1] of a block in the runs part[1] to part[2], into which bonds lead from part[0] on.
 

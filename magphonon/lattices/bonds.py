@@ -76,7 +76,6 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
     n, inverse = len(atoms), np.linalg.pinv(periods)
     if not len(periods):
         i, j = _near(atoms.positions, n, cutoff)
-        i, j = divmod(np.sort(i * n + j), n)
         shift: Any = np.zeros((len(i), 3), np.int8)
         return i, j, shift, vectors_between(atoms, i, j, shift)
     home = np.floor(atoms.positions @ inverse).astype(int)
@@ -103,24 +102,26 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
     return i, j, shift, vectors_between(atoms, i, j, shift)
 
 
-def compiling_pays(particles: int) -> bool:
-    """Whether numba is loaded, or there are so many particles that loading it pays."""
-    if os.environ.get('NUMBA_DISABLE_JIT', '0') != '0':
-        return False
-    return sys.modules.get('numba') is not None or (particles >= MANY and find_spec('numba') is not None)
+def compiled(particles: int) -> Any:
+    """The passes of `magphonon.lattices.cells`, if numba is loaded or that many particles repay loading it, or else None."""
+    pays = sys.modules.get('numba') is not None or (particles >= MANY and find_spec('numba') is not None)
+    if not pays or os.environ.get('NUMBA_DISABLE_JIT', '0') != '0':
+        return None
+    from . import cells
+
+    return cells
 
 
 def _near(images, n, cutoff):
-    """Pairs of one of the first n points and a later one within the cutoff, each once, in any order."""
-    if compiling_pays(n):
-        from .cells import pairs_in_cells
-
-        if found := pairs_in_cells(images, n, cutoff):
-            return found
+    """Pairs of one of the first n points and a later one within the cutoff, each once, and ascending if there are no others."""
+    passes = compiled(n)
+    if passes and (found := passes.pairs_in_cells(images, n, cutoff)):
+        return found
     # particles of a lattice fill space evenly, where balance and close boxes only take time
     tree = cKDTree(images, balanced_tree=False, compact_nodes=False)
     if len(images) == n:
-        return tree.query_pairs(cutoff, output_type='ndarray').T
+        i, j = tree.query_pairs(cutoff, output_type='ndarray').T
+        return divmod(np.sort(i * n + j), n)
     found = cKDTree(images[:n]).sparse_distance_matrix(tree, cutoff, output_type='ndarray')
     found = found[found['i'] < found['j']]
     return found['i'], found['j']
@@ -153,8 +154,16 @@ def vectors_between(atoms: Atoms, i: NDArray[np.int_], j: NDArray[np.int_], shif
         if shifted:
             np.subtract(place[j] + shift @ atoms.cell.array[:, x], place[i], out=found)
         elif np.ptp(place):
-            np.subtract(place[j], place[i], out=found)
+            found[:] = _stretched(*(np.ascontiguousarray(end, np.int32) for end in (i, j)), found[None], place[None])[0]
     return vectors.T
+
+
+def _stretched(i, j, R, u):
+    """Vectors `R + u_j - u_i`, shape (rows, pairs), and their lengths; by NumPy or compiled, the bits are the same."""
+    if u.dtype == float and (passes := compiled(u.shape[1])):
+        return passes.stretched(i, j, np.ascontiguousarray(R), np.ascontiguousarray(u))
+    vectors = R + (u.take(j, axis=1) - u.take(i, axis=1))
+    return vectors, lengths_of(vectors.T)
 
 
 def lengths_of(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -190,19 +199,19 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
     if len(atoms) < 2 and not atoms.pbc.any():
         raise ValueError(f'a structure of {len(atoms)} particles without periodic images has no bonds; add particles')
     others = np.concatenate([atoms.positions[1:] - atoms.positions[0], atoms.cell.array[atoms.pbc]])
-    extent = np.linalg.norm(np.ptp(atoms.positions, axis=0))
-    reach = (1.8 + min(shells, 3) / 2) * lengths_of(others).min()  # the first shells of the common lattices, and the next one
+    extent = np.linalg.norm([np.ptp(x) for x in atoms.positions.T])
+    beyond = shells > 1  # whether the gap after the next shell is needed, as the one before the first is the widest anyway
+    reach = (1.8 + beyond * min(shells, 3) / 2) * lengths_of(others).min()  # of the first shells of the common lattices
     held = _held(atoms)
     while True:
         i, j, _, vectors = pairs = pairs_within(atoms, reach)
         lengths = lengths_of(vectors)
-        both = held[i]
-        both[both] = held[j[both]]
-        distances = np.unique(lengths[~both])
+        both = held[i] & held[j] if held.any() else np.zeros(len(i), bool)
+        distances = np.unique(lengths[~both] if held.any() else lengths)
         gaps = np.diff(distances) / distances[1:]
         last = np.flatnonzero(gaps > SHELL_WIDTH)  # last distance of each shell before another one
         complete = reach >= extent and not atoms.pbc.any()
-        if len(last) > shells or (complete and len(last) == shells):
+        if len(last) >= shells + (beyond and not complete):
             _refuse_unclear(atoms, distances, gaps, last, shells)
             end = distances[last[shells - 1] : last[shells - 1] + 2].mean()
             return _in_shells(pairs, lengths, both, end), end
@@ -305,8 +314,11 @@ class Bonds:
             raise ValueError(f'bonds may join at most {MOST_PARTICLES} particles, not {self.particles}: their indices have 32 '
                              'bits')
         slim = {name: np.ascontiguousarray(getattr(self, name), np.int32) for name in 'ij'}
+        slim['vectors'] = np.asfortranarray(self.vectors)  # the bonds last in memory
         if not np.any(self.shift):
             slim['shift'] = np.broadcast_to(np.zeros(3, int), (len(self.i), 3))
+        if any(k.min(initial=0) < 0 or k.max(initial=-1) >= self.particles for k in (slim['i'], slim['j'])):
+            raise ValueError(f'bonds join particles from 0 to {self.particles - 1}; some of their i or j lie outside')
         for name, values in slim.items():
             object.__setattr__(self, name, values)
 
@@ -378,12 +390,29 @@ class Bonds:
 
     def relative(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Displacements of the far ends of the bonds relative to the near ones, `C u`, from u of shape (particles, dim)."""
-        return np.array([x[self.j] - x[self.i] for x in u.T]).T  # the bonds last in memory, as of their vectors
+        return self.stretched(np.zeros((len(self), u.shape[1])), u)[0]
+
+    def stretched(self, R: NDArray[np.float64], u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Vectors `R + C u`, shape (bonds, dim), and their lengths, shape (bonds,)."""
+        vectors, r = _stretched(self.i, self.j, R.T, u.T)
+        return vectors.T, r  # the bonds last in memory, as of their vectors at rest
 
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sums `C^T pull` over the bonds: `pull`, shape (bonds, dim), acts on the far ends, and its negative on the near ones."""
-        far, near = (np.array([np.bincount(end, x, self.particles) for x in pull.T], float) for end in (self.j, self.i))
+        near, far = self.at_ends(pull.T)
         return np.subtract(far.T, near.T, order='C')
+
+    def total(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sums of values, shape (bonds, ...), over all bonds of each particle, shape (particles, ...)."""
+        near, far = self.at_ends(values.T.reshape(int(np.prod(values.shape[1:])), len(self)))
+        return (near + far).reshape(*values.T.shape[:-1], self.particles).T
+
+    def at_ends(self, rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Sums of each row, shape (rows, bonds), over the bonds that begin, and over those that end, at each particle."""
+        if passes := compiled(self.particles):
+            return passes.at_ends(self.i, self.j, np.ascontiguousarray(rows, float), self.particles)
+        near, far = (np.array([np.bincount(end, row, self.particles) for row in rows], float) for end in (self.i, self.j))
+        return near, far
 
     @cached_property
     def incidence(self) -> sparse.csr_array:

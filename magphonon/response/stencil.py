@@ -195,7 +195,7 @@ def row(x, y, D, A, free, offsets, s, e):
     return squared, crossed
 
 
-@kept
+@kept(**OPTIONS)
 def advance(x, y, D, A, free, offsets, runs, lag, sums, rows, first, taken):
     """Apply `row` to all columns, in turns from x to y and from y to x. Each product stays `lag` runs behind the one before: it
     reads the results of that product and overwrites its source.

@@ -22,7 +22,7 @@ from scipy import sparse
 
 from ..errors import Unstable, indices, one_of
 from ..interactions.bond_laws import Laws, checked_laws
-from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
+from ..lattices.bonds import Bonds, bonds_of, image_of, lengths_of, repeat_bonds
 from .matrices import (
     BROKEN_BOND,
     MODELS,
@@ -45,6 +45,7 @@ from .sites import (
     range_of,
     refuse_height,
     refuse_motion_out_of_the_plane,
+    same,
 )
 
 NO_STRESS = ('the stress on a cell is defined by its bonds in the complete model; a foundation or a dead load adds external '
@@ -227,7 +228,7 @@ class PairCalculator(Repulsion):
         """The same calculator with the dead load that balances all other forces at rest on the particles with these indices."""
         load, particles = self.load.copy(), indices('particles', particles, len(self.reference))
         rest = np.zeros((len(load), self.dim))
-        load[particles, : self.dim] -= self._forces(rest, self._repulsion(rest)[1])[particles]
+        load[particles, : self.dim] -= (self.offset - self._pulls(rest)[1])[particles]
         return self.about(self.reference, load)
 
     def __repr__(self) -> str:
@@ -249,25 +250,24 @@ class PairCalculator(Repulsion):
         forces, at_rest, u = np.zeros((len(atoms), 3)), self._energy_at_rest, here.displacements(atoms)
         if self.dim == 2:
             refuse_motion_out_of_the_plane(here, atoms)
-        energy, gradient = here._repulsion(u)
-        forces[:, : self.dim] = here._forces(u, gradient)
-        energies = np.einsum('ix,ix->i', 0.5 * here.foundation * u - here.offset, u)
-        half = 0.5 * (energy - at_rest)
-        for end in (here.bonds.i, here.bonds.j):  # half of the energy that each bond has gained since rest belongs to either end
-            energies += np.bincount(end, half, len(u))
+        half, pull = here._pulls(u, at_rest)
+        for of_all, force in zip(forces.T, (here.offset - pull - here.foundation * u).T, strict=False):
+            of_all[:] = force
+        energies = np.einsum('ix,ix->i', 0.5 * here.foundation * u - here.offset, u) + half
         total = energies.sum()
         found = {'forces': forces, 'energies': energies, 'energy': total, 'free_energy': total}
         return found | {'stress': stress_per_volume(self, atoms)} if 'stress' in properties else found
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim), by minimum image in the periodic directions."""
-        return np.ascontiguousarray(self._minimum_image(from_reference(self, atoms))[:, : self.dim])
+        return self._minimum_image(from_reference(self, atoms, self.dim))
 
     def _minimum_image(self, u):
-        if np.einsum('ix,ix->i', u, u).max(initial=0) > self._shortest_period**2 / 4:  # below it u is its own minimum image
+        limit = self._shortest_period**2 / 4  # below it u is its own minimum image
+        if limit < np.inf and np.einsum('ix,ix->i', u, u).max(initial=0) > limit:
             dim, space = u.shape[1], np.zeros((len(u), 3))
             space[:, :dim] = u
-            u = find_mic(space, self.reference.cell, self.reference.pbc)[0][:, :dim]  # pyright: ignore[reportArgumentType]  three pbc
+            u = np.ascontiguousarray(find_mic(space, self.reference.cell, self.reference.pbc)[0][:, :dim])  # pyright: ignore[reportArgumentType]  three pbc
         return u
 
     @cached_property
@@ -288,12 +288,8 @@ class PairCalculator(Repulsion):
 
         Its own images push a particle from both sides alike.
         """
-        bonds = self.bonds
-        if (bonds.i == bonds.j).all():
-            return np.zeros((bonds.particles, self.dim)), np.zeros((bonds.particles, 1))
-        force = self.bond_sizes[0]
-        sizes = np.bincount(bonds.i, force, bonds.particles) + np.bincount(bonds.j, force, bonds.particles)
-        return bonds.net(self.interaction.forces(self.bond_vectors)[1]), sizes[:, None].astype(float)
+        gradient = self.interaction.forces(self.bond_vectors)[1]
+        return self.bonds.net(gradient), self.bonds.total(lengths_of(gradient)[:, None])
 
     @cached_property
     def slack(self) -> NDArray[np.float64]:
@@ -309,24 +305,33 @@ class PairCalculator(Repulsion):
     @cached_property
     def offset(self) -> NDArray[np.float64]:
         """Constant force `load - k (rest - anchor)` on each particle in N, shape (particles, dim)."""
-        return self.load[:, : self.dim] + self.spring_forces
+        return np.asfortranarray(self.load[:, : self.dim] + self.spring_forces)
 
-    def displaced(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-        """Bond vectors at displacements `u` from rest, shape (particles, dim), and directions; see `bond.displaced`."""
-        moved = self.bonds.relative(u)
+    def displaced(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
+        """Bond vectors at displacements `u` from rest, shape (particles, dim), their lengths and directions; see
+        `matrices.displaced`.
+        """
+        R, limit = self.bond_vectors, self._shortest_period**2 / 16
         # As a lattice drifts, its particles reach the next cell one by one: u of two ends may be measured from different images
-        if np.einsum('ix,ix->', u, u) > self._shortest_period**2 / 16:  # cheaper than the largest u
-            moved = self._minimum_image(moved)
-        return displaced(self.bonds, self.bond_vectors, moved, self.interaction, self.model)
+        if limit < np.inf and np.einsum('ix,ix->', u, u) > limit:  # cheaper than the largest u
+            R, u = R + self._minimum_image(self.bonds.relative(u)), 0 * u
+        return displaced(self.bonds, *self.bonds.stretched(R, u), self.interaction, self.model)
 
-    def _repulsion(self, u):
-        """Energy of each bond in mJ and its gradient by the bond vector in N, shapes (bonds,) and (bonds, dim)."""
-        vectors, n = self.displaced(u)
-        energy, gradient = self.interaction.forces(vectors)
-        return energy, gradient if n is None else (gradient * n).sum(axis=1)[:, None] * n
-
-    def _forces(self, u, gradient):
-        return self.offset - self.bonds.net(gradient) - self.foundation * u
+    def _pulls(self, u, at_rest=0.0):
+        """Sums over the bonds of each particle at displacements u: half of the energies beyond those `at_rest` in mJ, shape
+        (particles,), and the gradients by the positions in N, (particles, dim).
+        """
+        vectors, r, n = self.displaced(u)
+        law, rows = self.interaction.central(self.dim), np.empty((self.dim + 1, len(r)))
+        if law is None:
+            energy, gradient = self.interaction.forces(vectors)
+            rows[:-1] = gradient.T if n is None else (gradient * n).sum(axis=1) * n.T
+        else:
+            energy = law.phi(r)
+            np.multiply(law.dphi(r) / r, vectors.T, out=rows[:-1])
+        np.subtract(energy, at_rest, out=rows[-1])
+        near, far = self.bonds.at_ends(rows)
+        return 0.5 * (near[-1] + far[-1]), (far[:-1] - near[:-1]).T
 
     def rest_stiffness(self, model: Model | None = None) -> NDArray[np.float64]:
         """Stiffness of each bond at rest in the given model or the calculator's own, in N/mm, shape (bonds, dim, dim)."""
@@ -374,7 +379,7 @@ class PairCalculator(Repulsion):
 
     def hessian_at(self, u: NDArray[np.float64], part: str = 'all') -> sparse.csr_array:
         """Like `get_hessian`, but at displacements `u` from rest in mm, shape (particles, dim), with `dim` components each."""
-        vectors, _ = self.displaced(u)
+        vectors = self.displaced(u)[0]
         D0, Dstar = self.interaction.stiffness(vectors)
         if self.model == 'conventional':
             Dstar = np.zeros_like(Dstar)
@@ -383,7 +388,7 @@ class PairCalculator(Repulsion):
 
     def forces_beyond_rest(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Change of the forces due to displacements `u` from rest: N, both of shape (particles, dim)."""
-        return self.bond_forces[0] - self.bonds.net(self._repulsion(u)[1]) - self.foundation * u
+        return self.bond_forces[0] - self._pulls(u)[1] - self.foundation * u
 
 
 MagneticRepulsion = PairCalculator
@@ -398,7 +403,7 @@ def measure(atoms: Atoms) -> float:
 
 def same_cell(calc: PairCalculator, atoms: Atoms) -> bool:
     """Whether the atoms are in the cell of the calculator's reference."""
-    return np.array_equal(atoms.cell.array, calc.reference.cell.array)
+    return same(atoms.cell.array, calc.reference.cell.array)
 
 
 def carried(calc: PairCalculator, atoms: Atoms) -> tuple[Atoms, Bonds]:

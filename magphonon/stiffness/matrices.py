@@ -25,7 +25,7 @@ from scipy.linalg import eigh
 
 from ..errors import Diverged, one_of
 from ..interactions.bond_laws import Law, Laws, laid, laws_along
-from ..lattices.bonds import Bonds, lengths_of
+from ..lattices.bonds import Bonds
 from .sites import Foundation, each_spring
 
 if TYPE_CHECKING:
@@ -198,15 +198,6 @@ def stiffness_change(vectors: NDArray[np.float64], change: NDArray[np.float64], 
     return np.imag(model_stiffness(vectors + 1j * STEP * change, law, model)) / STEP
 
 
-def sizes(vectors: NDArray[np.float64], law: Law) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Size of the force of each bond in N and of its stiffness against stretching in N/mm; for a central law |phi'|, |phi''|."""
-    acting = interaction_of(law, vectors.shape[1])
-    if isinstance(acting, Central):
-        r = _lengths(vectors)
-        return abs(acting.law.dphi(r)), abs(acting.law.d2phi(r))
-    return np.linalg.norm(acting.forces(vectors)[1], axis=1), abs(np.einsum('bxx->b', acting.stiffness(vectors)[0]))
-
-
 def upper_part(vectors: NDArray[np.float64], law: Law, model: Model = 'complete') -> NDArray[np.float64]:
     """Upper bound of the stiffness of each bond in N/mm, shape (bonds, dim, dim): its negative eigenvalues are set to zero."""
     acting = interaction_of(law, vectors.shape[1])
@@ -216,36 +207,34 @@ def upper_part(vectors: NDArray[np.float64], law: Law, model: Model = 'complete'
     r = _lengths(vectors)
     along, n = np.maximum(acting.law.d2phi(r), 0), vectors.T / r
     across = 0 * r if model == 'conventional' else np.maximum(acting.law.dphi(r) / r, 0)
-    return np.moveaxis((along - across) * n[:, None] * n + across * np.eye(len(n))[..., None], -1, 0)
+    return ((along - across) * n[:, None] * n + across * np.eye(len(n))[..., None]).T
 
 
-def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64], interaction: PairInteraction,
-              model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """The bond vectors at which an interaction is evaluated, and the directions of its gradient in the conventional model.
+def displaced(bonds: Bonds, vectors: NDArray[np.float64], r: NDArray[np.float64], interaction: PairInteraction,
+              model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
+    """The bond vectors at which an interaction is evaluated, their lengths, and the directions of its gradient in the
+    conventional model.
 
-    In the complete model the vectors are `R + moved`, and the directions are None. In the conventional model the vectors are
-    projected on the directions n at rest, and n is returned too.
+    In the complete model these are the given vectors and lengths, and the directions are None. In the conventional model the
+    vectors are projected on the directions n at rest, and n is returned too.
 
     Raises Diverged for a bond that is squeezed below CONTACT or stretched beyond BROKEN_BOND times its rest length, unless it
     exerts no force there, as between spheres that have parted.
     """
-    vectors = R + moved
-    r0 = lengths_of(R) if model == 'conventional' else 1.0
-    n = (R.T / r0).T if model == 'conventional' else None
-    along = _product(vectors if n is None else n, vectors)
-    nearest = along.min(initial=np.inf)
+    n = None
+    if model == 'conventional':
+        R, r0 = bonds.vectors[:, : vectors.shape[1]], bonds.lengths
+        n = (R.T / r0).T
+        r = r0 + _product(n, vectors - R)
+        vectors = (r / r0)[:, None] * R  # R itself at rest, to the last bit
+    nearest = r.min(initial=np.inf)
     if not nearest > 0:
-        b = along.argmin()
-        apart = along[b] if model == 'conventional' else np.sqrt(along[b])
+        b = r.argmin()
         raise ValueError(f'particles {bonds.i[b]} and {bonds.j[b]} coincide or have passed through each other '
-                         f'(distance {apart:g} mm along their bond); start from smaller displacements')
-    if n is not None:
-        vectors = (1 + _product(n, moved) / r0)[:, None] * R  # R itself at rest, to the last bit
-    power = 2 if n is None else 1
-    least, most = (CONTACT * bonds.longest) ** power, (BROKEN_BOND * bonds.shortest) ** power
-    if not (least < nearest and along.max(initial=0.0) < most):  # some bond may be out of range, so look at each
-        _refuse_far(bonds, along ** (1 / power), vectors, interaction)
-    return vectors, n
+                         f'(distance {r[b]:g} mm along their bond); start from smaller displacements')
+    if not (CONTACT * bonds.longest < nearest and r.max(initial=0.0) < BROKEN_BOND * bonds.shortest):
+        _refuse_far(bonds, r, vectors, interaction)  # some bond may be out of range, so look at each
+    return vectors, r, n
 
 
 def _refuse_far(bonds, r, vectors, interaction):
@@ -287,7 +276,7 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
         phase = np.real(phase)
     to_itself = (i == j)[:, None, None]  # |1 - phase|^2 K: exactly nothing where all particles move alike
     springs = each_spring(foundation, n, dim).reshape(n, dim, 1) * np.eye(dim)
-    own = own_stiffness(bonds, np.where(to_itself, abs(1 - phase) ** 2 / 2, 1) * K) + springs
+    own = bonds.total(np.where(to_itself, abs(1 - phase) ** 2 / 2, 1) * K) + springs
     K = np.where(to_itself, 0.0, K)
     blocks, each = np.concatenate([own, -K * phase, -K * np.conj(phase)]), np.arange(n, dtype=i.dtype)
     ends = np.concatenate([each, i, j]), np.concatenate([each, j, i])
@@ -326,7 +315,7 @@ def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64],
     """
     shifts, shift = bonds.distinct_shifts
     phase = np.exp(2j * np.pi * (shifts @ np.transpose(q)))
-    own, x = own_stiffness(bonds, K), np.arange(K.shape[1])
+    own, x = bonds.total(K), np.arange(K.shape[1])
     own[:, x, x] += foundation
     return _bloch_sum(bonds, K, own[..., None], phase, shift)
 
@@ -348,14 +337,8 @@ def bloch_series(bonds: Bonds, K: NDArray[np.float64],
     R, shape (bonds,), is the component in mm, along k, of the lattice vector that leads to the cell of particle j.
     """
     powers = np.stack([np.ones_like(R), 1j * R, -(R**2) / 2], axis=1)  # e^{ikR} = 1 + ikR - (kR)^2/2
-    A, B, C = _bloch_sum(bonds, K, own_stiffness(bonds, K)[..., None] * [1, 0, 0], powers, np.arange(len(R)))
+    A, B, C = _bloch_sum(bonds, K, bonds.total(K)[..., None] * [1, 0, 0], powers, np.arange(len(R)))
     return A, B, C
-
-
-def own_stiffness(bonds: Bonds, K: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sum of the stiffness of the bonds of each particle, shape (particles, dim, dim)."""
-    sums = [np.bincount(bonds.i, x, bonds.particles) + np.bincount(bonds.j, x, bonds.particles) for x in K.reshape(len(K), -1).T]
-    return np.asarray(np.stack(sums, axis=-1).reshape(-1, *K.shape[1:]), float)
 
 
 def _bloch_sum(bonds, K, own, factors, which):

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import one_of, positive, shown
 from ..interactions.bond_laws import laws_from_dict, laws_of, laws_to_dict
-from ..lattices.bonds import Bonds, vectors_between
-from .matrices import sizes
+from ..lattices.bonds import Bonds, lengths_of, vectors_between
 from .sites import FLAT, RODS, Foundation, Sites, each_spring, gyration_blocks, height
 from .supercells import NEAR, fitted, jumped, refuse_another_order
 
@@ -90,14 +89,14 @@ class Repulsion(Calculator):
             return super().get_property(name, atoms, allow_calculation)
 
     def check_state(self, atoms: Atoms, tol: float = 0.0) -> list[str]:
-        """The names of the arrays that differ from those of the last calculation.
+        """The name of the first array that differs from that of the last calculation, as a list; empty if all are equal.
 
         A displacement below 1e-15 is a change too, and exact comparison is cheaper than ASE's with a tolerance for every array.
         """
         if self.atoms is None:
             return all_changes
-        return [name for name in ('positions', 'cell', 'pbc', 'numbers')
-                if not np.array_equal(getattr(self.atoms, name), getattr(atoms, name))]
+        pairs = ((name, getattr(self.atoms, name), getattr(atoms, name)) for name in ('positions', 'cell', 'pbc', 'numbers'))
+        return next(([name] for name, before, now in pairs if not np.array_equal(before, now)), [])
 
     def todict(self, skip_default: bool = True) -> dict[str, Any]:
         """Everything that the forces depend on, for ASE's files and databases; `fromdict` restores the calculator from it."""
@@ -152,7 +151,11 @@ class Repulsion(Calculator):
     @property
     def bond_sizes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Size of the force of each bond at rest in N, and of its stiffness against stretching in N/mm."""
-        return sizes(self.bonds.vectors[:, : self.dim], self.interaction)
+        R, law = self.bonds.vectors[:, : self.dim], self.interaction.central(self.dim)
+        if law is not None:
+            r = lengths_of(R)
+            return abs(law.dphi(r)), abs(law.d2phi(r))
+        return np.linalg.norm(self.interaction.forces(R)[1], axis=1), abs(np.einsum('bxx->b', self.interaction.stiffness(R)[0]))
 
     @cached_property
     def largest(self) -> tuple[float, float]:

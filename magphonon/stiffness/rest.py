@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from ..errors import NotAtRest, indices
-from ..interactions.bond_laws import taken
 from ..lattices.bonds import lengths_of
 from ..traits import refuse, running
 from .calculator import PairCalculator, same_cell
@@ -145,25 +144,10 @@ class LinearSystem:
             if abs(u).max(initial=0.0) <= ELSEWHERE * calc.bonds.shortest:
                 return reference
             with suppress(ValueError):  # of bonds out of range
-                if reference._drives_back(u):
-                    return reference
                 if calc.model == 'complete' and reference.unbalanced(reference.static + calc.forces_beyond_rest(u)).any():
                     return reference
         here = cls.about(calc.about(atoms), atoms)
         return here if here.left.max(initial=0.0) <= reference.left.max(initial=0.0) else reference
-
-    def _drives_back(self, u):
-        """Whether forces act on the particle that is displaced most by u, so that no rest is there; one is soon looked at."""
-        calc, k = self.calc, int(np.einsum('ix,ix->i', u, u).argmax())
-        bonds, law = calc.bonds, calc.interaction.central(calc.dim)
-        own = np.flatnonzero((bonds.i == k) | (bonds.j == k))
-        if law is None or not len(own):
-            return False
-        R = calc.bond_vectors[own] + u[bonds.j[own]] - u[bonds.i[own]]
-        r, outward = lengths_of(R), np.subtract(bonds.i[own] == k, bonds.j[own] == k, dtype=int)
-        forces = np.zeros_like(u)
-        forces[k] = self.static[k] + calc.bond_forces[0][k] - (calc.foundation * u)[k] + outward * taken(law, own).dphi(r) / r @ R
-        return self.unbalanced(forces).any()
 
     @classmethod
     def about(cls, calc: Repulsion, atoms: Atoms) -> Self:

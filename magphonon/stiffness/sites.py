@@ -241,19 +241,26 @@ def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, central: bool) -> None:
                          f'but z ranges over {z:g} mm; give them one z')
 
 
-def from_reference(calc: Repulsion, atoms: Atoms) -> NDArray[np.float64]:
-    """Vectors from the reference of a calculator to the positions of `atoms`, mm, shape (particles, 3), not by minimum image."""
+def same(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    """Whether small arrays are equal; to compare their bytes first takes a fifth of the time of `numpy.array_equal`."""
+    return a.tobytes() == b.tobytes() or np.array_equal(a, b)
+
+
+def from_reference(calc: Repulsion, atoms: Atoms, dim: int = 3) -> NDArray[np.float64]:
+    """Vectors from the reference of a calculator to the positions of `atoms`, mm, shape (particles, dim), not by minimum image.
+
+    The particles are last in memory: loops over two or three components take five times as long.
+    """
     reference = calc.reference
     if len(atoms) != len(reference):
         raise ValueError(f'the calculator was made for {len(reference)} particles, not {len(atoms)}; make a calculator for this '
                          'structure, or use calculator.on(supercell)')
-    if not (np.array_equal(atoms.cell.array, reference.cell.array) and np.array_equal(atoms.pbc, reference.pbc)):
+    if not (same(atoms.cell.array, reference.cell.array) and same(atoms.pbc, reference.pbc)):
         raise ValueError('the cell or its periodicity differs from the reference, to which the particles are anchored; make a '
                          'calculator for this cell, or, where neither foundation nor load holds them, atoms.calc.about(atoms)')
-    u = atoms.positions - reference.positions
-    if not (np.isfinite(u.sum()) or np.isfinite(u).all()):  # the sum takes a third of the time
-        raise ValueError(f'the position of particle {np.argwhere(~np.isfinite(u))[0, 0]} is not a finite number')
-    return u
+    if not (np.isfinite(atoms.positions.sum()) or np.isfinite(atoms.positions).all()):  # the sum takes a third of the time
+        raise ValueError(f'the position of particle {np.argwhere(~np.isfinite(atoms.positions))[0, 0]} is not a finite number')
+    return np.array([x - rest for x, rest in zip(atoms.positions.T[:dim], reference.positions.T, strict=False)]).T
 
 
 def out_of_plane(atoms: Atoms) -> NDArray[np.bool_]:

@@ -14,7 +14,6 @@ from ase import Atoms
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ..lattices.bonds import lengths_of
 from ..traits import LIKE, Tool, refuse_of
 
 if TYPE_CHECKING:
@@ -77,7 +76,7 @@ def sites_of(calc: Repulsion, atoms: Atoms) -> Atoms:
 
 def strayed(calc: Repulsion, atoms: Atoms) -> bool:
     """Whether some particle, apart from a strain, is too far from the site of the same index to belong to it."""
-    return bool(lengths_of(calc.displacements(own_cell(calc, atoms))).max(initial=0.0) > calc.near)
+    return bool(np.linalg.norm(calc.displacements(own_cell(calc, atoms)), axis=1).max(initial=0.0) > calc.near)
 
 
 def own_cell(calc: Repulsion, atoms: Atoms) -> Atoms:
@@ -137,9 +136,9 @@ def refuse_another_order(calc: Repulsion, atoms: Atoms) -> None:
     here, sites = places(atoms), places(own)
     site = np.asarray(KDTree(sites, boxsize=own.pbc.astype(float)).query(here)[1])
     back = here - sites[site]
-    away = lengths_of((back - np.rint(back) * own.pbc) @ own.cell.complete().array)
+    away = np.linalg.norm((back - np.rint(back) * own.pbc) @ own.cell.complete().array, axis=1)
     u = calc.displacements(own_cell(calc, atoms))
-    together = lengths_of(u - u[0]).max() <= calc.near
+    together = np.linalg.norm(u - u[0], axis=1).max() <= calc.near
     others = np.flatnonzero(site != np.arange(len(own)))
     if len(others) and not together and away.max() <= AT_SITE * calc.near and len(np.unique(site)) == len(own):
         k = others[0]

@@ -27,7 +27,7 @@ def by_brute_force(atoms, reach):
 
 def found_by_cells(so):
     """Within it the cells of a grid find the pairs, or else the k-d tree."""
-    return mock.patch.object(of_bonds, 'compiling_pays', return_value=so)
+    return mock.patch.object(of_bonds, 'compiled', return_value=cells if so else None)
 
 
 @settings(max_examples=60, deadline=None)
@@ -303,6 +303,6 @@ def test_pairs_are_found_where_nothing_can_be_compiled_or_kept(monkeypatch):
 
     monkeypatch.setattr('numba.core.caching._CacheLocator.ensure_cache_path', refuse)
     assert cells.kept(lambda x: 2 * x)(3) == 6
-    assert of_bonds.compiling_pays(1)  # numba is loaded
+    assert of_bonds.compiled(1) is cells  # numba is loaded
     monkeypatch.setenv('NUMBA_DISABLE_JIT', '1')
-    assert not of_bonds.compiling_pays(10**6)
+    assert of_bonds.compiled(10**6) is None

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from oracles import Pairs, free_basis, lattice, neighbour_vectors
+from oracles import LATTICES, LAWS, Pairs, free_basis, lattice, neighbour_vectors
 
 from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed, units as u, verdict
 from magphonon.errors import Unstable
+from magphonon.lattices import bonds as of_bonds, cells
 from magphonon.lattices.patches import RIM
 from magphonon.response.normal_modes import natural_frequencies
-from magphonon.stiffness import LinearSystem
+from magphonon.stiffness.matrices import MODELS
 
 LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
 HZ = 1e3 / (2 * np.pi)
@@ -38,28 +39,34 @@ def holed(k):
     return atoms
 
 
-@pytest.mark.parametrize('seed', range(8))
-def test_the_particle_displaced_most_is_driven_back_unless_a_load_holds_it(seed):
-    """Its force by the energy of single pairs, with strengths and springs of each particle, in cells and in patches."""
-    rng = np.random.default_rng(seed)
-    cell = lattice(['triangular', 'honeycomb', 'kagome', 'square'][seed % 4])
-    atoms = cell.repeat((4, 4, 1)) if seed < 4 else lattices.hexagon(cell, 30.0)
-    atoms.set_constraint()
-    springs, strengths = rng.uniform(0.1, 0.5, (len(atoms), 2)), rng.uniform(0.5, 2, len(atoms))
-    calc = MagneticRepulsion(atoms, LAW, foundation=springs, strengths=strengths, cutoff=12.0)
-    moved = atoms.copy()
-    moved.positions[:, :2] += rng.normal(0, 0.3, (len(atoms), 2))
-    u = moved.positions - atoms.positions
-    k = int(np.linalg.norm(u, axis=1).argmax())
-    force = -springs[k] * u[k, :2]
-    for i, j, _, vector in neighbour_vectors(atoms, 12.0):
-        R = (vector + u[j] - u[i])[:2]
-        force -= (i == k) * strengths[i] * strengths[j] * LAW.b * np.linalg.norm(R) ** (-LAW.a - 1) * R
-    load = np.zeros((len(atoms), 3))
-    load[k, :2] = -force
-    for held in (False, True):
-        about = calc.about(atoms, held * load)
-        assert LinearSystem.about(about, moved)._drives_back(about.displacements(moved)) != held
+@pytest.mark.parametrize('seed', range(14))
+def test_forces_and_energies_are_sums_over_pairs_compiled_or_not(seed, monkeypatch):
+    """With holes, and strengths, springs and loads of each particle, in any image; both ways agree to the last bit."""
+    rng, model = np.random.default_rng(seed), MODELS[seed % 3 == 1]
+    cell, law = lattice(LATTICES[seed % 7]), LAWS[sorted(LAWS)[seed % 8]]
+    atoms = lattices.hexagon(cell, 30.0) if seed > 6 and cell.pbc.sum() == 2 else cell.repeat(np.where(cell.pbc, 4, 1))
+    del atoms[int(rng.integers(len(atoms)))]
+    n, dim = len(atoms), 3 if cell.pbc.all() else 2
+    springs, strengths, load = rng.uniform(0.1, 0.5, (n, dim)), rng.uniform(0.5, 2, n), np.zeros((n, 3))
+    load[:, :dim] = rng.normal(size=(n, dim))
+    atoms.calc = MagneticRepulsion(atoms, law, foundation=springs, strengths=strengths, load=load, cutoff=12.0, model=model)
+    u = np.where(np.arange(3) < dim, rng.normal(0, 0.3, (n, 3)), 0.0)
+    size, energies, forces = 1.0, (springs * u[:, :dim] ** 2).sum(axis=1) / 2 - (load * u).sum(axis=1), load.copy()
+    forces[:, :dim] -= springs * u[:, :dim]
+    for i, j, _, R in neighbour_vectors(atoms, 12.0, images=1):
+        r0, vector, s = np.linalg.norm(R), R + u[j] - u[i], strengths[i] * strengths[j]
+        r = np.linalg.norm(vector) if model == 'complete' else r0 + R @ (u[j] - u[i]) / r0
+        forces[i] += s * law.dphi(r) * (vector / r if model == 'complete' else R / r0)
+        energies[i] += s * (law.phi(r) - law.phi(r0)) / 2
+        size = max(size, abs(s * law.phi(r)), abs(s * law.dphi(r)))
+    atoms.positions += u + (rng.integers(0, 2, (n, 3)) * atoms.pbc) @ atoms.cell.array
+    found = []
+    for passes in (cells, None):
+        monkeypatch.setattr(of_bonds, 'compiled', lambda particles, passes=passes: passes)
+        atoms.calc.reset()
+        found.append(np.column_stack([atoms.get_potential_energies(), atoms.get_forces(apply_constraint=False)]))
+    np.testing.assert_array_equal(*found)
+    assert_allclose(found[0], np.column_stack([energies, forces]), rtol=0, atol=1e-13 * size)  # of terms that cancel
 
 
 def test_a_vacancy_on_pillars_stays_or_buckles_as_its_stiffness_says():
