@@ -325,7 +325,7 @@ class Bonds:
     def __len__(self) -> int:
         return len(self.i)
 
-    @property
+    @cached_property
     def lengths(self) -> NDArray[np.float64]:
         """Bond lengths at rest in mm, shape (bonds,)."""
         return lengths_of(self.vectors)
