@@ -340,23 +340,6 @@ def jax_steps(start, displacements, steps, dt, method=SPLITTINGS[6]):
 
 
 SHORT = 'order 6, tolerance 1e-4'
-def motion():
-    """100 ms of nonlinear motion at equal error: the fastest order against LAMMPS, whose steps are of order two."""
-    for strain in 1e-4, 1e-2, 1e-1:
-        found = time_to_error(strain)
-        for error in 1.5e-3, 2e-4:
-            seconds = {name: at_error(runs, error) for name, runs in found.items() }
-            own = min((name for name in seconds if name.startswith('order')), key=seconds.get)
-            for peer in ('LAMMPS', 'order 2', 'order 6'):
-                if peer in seconds and peer != own:
-                    yield Result(f'100 ms, 10000 magnets, strain {strain:g}, {own}', f'{peer}, same error', seconds[own],
-                                 seconds[peer], error)
-
-
-def at_error(runs, error):
-    """Seconds that reach an error, between those of runs; infinite where no run is as good."""
-    seconds, errors = np.log(np.array(sorted(runs, reverse=True))).T
-    return float(np.exp(np.interp(np.log(error), errors, seconds, left=np.inf)))
 
 
 def threads():
@@ -565,19 +548,17 @@ ROWS = {
     'patch 1e5': lambda: steps('patch', (*patch(316), FOUNDATION)),
     'seldom 1e4': lambda: steps('patch, looked at every 100 steps', (*patch(100), FOUNDATION), 100),
     'scattered 1e4': lambda: steps('2 % off their places', (*disordered(100), STIFF)),
-    'motion': motion,
     'threads': threads,
     'sizes': sizes,
     'bands': bands,
     'large cells': lambda: [*large_cells(17, 'dense', 'phonopy'), *large_cells(32, 'dense')],
     'mesh': mesh,
     'linear tools 1e4': lambda: linear_tools(1e4),
-    'linear tools 1e5': lambda: linear_tools(1e5),
     'factors': lambda: [*factors(1e4), *factors(1e5)],
 }
 
 
-LONG = {'linear tools 1e5', 'sizes'}
+LONG = {'sizes'}
 """Rows that are measured only if they are named: the others take less than eight minutes together."""
 
 

@@ -310,7 +310,7 @@ def test_few_structures(family):
     methods, *_ = FAMILIES[family]
     compared, noticed = follow(family, range(6))
     assert compared == 6 * len(methods)
-    assert min(shares(noticed, methods).values()) > 1 / 4
+    assert min(shares(noticed, methods).values()) > 1 / 5
 
 
 @pytest.mark.slow
@@ -321,7 +321,7 @@ def test_all_methods_agree_with_dense_algebra_and_faults_are_noticed(family):
     assert compared == many * len(methods)
     # not each time: a bond may be lost between particles that are held, an exchange may be a symmetry, and a lattice that needs
     # no foundation needs none
-    assert min(shares(noticed, methods).values()) > 1 / 4
+    assert min(shares(noticed, methods).values()) > 1 / 5
     assert not {fault for fault, seen in noticed.items() if len(seen) > 3 and not any(seen)}
 
 

@@ -114,18 +114,21 @@ class Frame:
     @cached_property
     def _products(self):
         """C, of displacements and bond vectors with particles and bonds last in memory, its transpose and that of P."""
-        C = sparse.csr_array(sparse.kron(sparse.eye_array(self.dim), self.bonds.incidence))
-        return C, sparse.csr_array(C.T), sparse.csr_array(self.free.T)
+        rows, n, ends = self.dim * len(self.bonds), self.bonds.particles, np.stack([self.bonds.i, self.bonds.j], axis=1)
+        columns = (n * np.arange(self.dim)[:, None, None] + ends).ravel()
+        C = sparse.csr_array((np.tile([-1.0, 1.0], rows), columns, 2 * np.arange(rows + 1)), (rows, self.dim * n))
+        return C, C.T, self.free.T
 
     @cached_property
     def _assembly(self):
         """The sparse matrix that makes the entries of `hessian` from those of K, with the bonds last, and of the springs."""
-        size, axes = self.free.shape[0], np.arange(self.dim)[:, None]
-        i, j = (self.dim * ends + axes for ends in (self.bonds.i, self.bonds.j))
-        entries = [(size * one[:, None] + other).ravel() for one, other in ((i, i), (j, j), (i, j), (j, i))]
-        ii, jj, ij, ji, each = (sparse.csr_array((np.ones(len(one)), (one, np.arange(len(one)))), shape=(size**2, len(one)))
-                                for one in (*entries, (size + 1) * np.arange(size)))
-        return sparse.csr_array(sparse.kron(self.free.T, self.free.T) @ sparse.hstack([ii + jj - ij - ji, each]))
+        size, axes = self.free.shape[0], np.arange(self.dim)[:, None, None]
+        ends = self.dim * np.stack([self.bonds.i, self.bonds.j], axis=1)
+        of_bonds = (size * (ends[:, [0, 1, 0, 1]] + axes[:, None]) + ends[:, [0, 1, 1, 0]] + axes).reshape(-1, 4)  # their entries
+        signs = np.append(np.broadcast_to([1.0, 1.0, -1.0, -1.0], of_bonds.shape), np.ones(size))
+        begins = np.append(4 * np.arange(len(of_bonds)), of_bonds.size + np.arange(size + 1))
+        each = sparse.csr_array((signs, np.append(of_bonds, (size + 1) * np.arange(size)), begins), (len(begins) - 1, size**2))
+        return (each @ sparse.kron(self.free, self.free, format='csr')).T
 
     @cached_property
     def shares(self) -> sparse.csr_array:
@@ -279,7 +282,7 @@ class Rest:
             G = self.stiffness.T.astype(complex)  # symmetric: as LAPACK has it in memory
             beyond = self.springs * self.excess(omega)[0] + (1j * omega * damping - omega**2) * self.masses[:, None]
             G[np.diag_indices(len(G))] += self.frame.shares @ beyond.ravel()
-            factor, pivots, _ = linalg.lapack.zsytrf(G, lower=True, lwork=64 * len(G), overwrite_a=True)  # pyright: ignore[reportAttributeAccessIssue]  not in stubs
+            factor, pivots, _ = linalg.lapack.zsytrf(G, lower=True, lwork=32 * len(G), overwrite_a=True)  # pyright: ignore[reportAttributeAccessIssue]  not in stubs
             return lambda F: linalg.lapack.zsytrs(factor, pivots, F, lower=True)[0]  # pyright: ignore[reportAttributeAccessIssue]
 
         return self.frame.spread(self.once((omega, damping), solver)(self.frame.along(force) + 0j))

@@ -32,9 +32,6 @@ from ..traits import LIKE, takes
 
 CROSSING = 1e-9
 """Difference of two branches, as a fraction of the highest frequency, below which they cross."""
-SHIFTING = BALANCED
-"""Largest force left on a particle, as a fraction of the largest change of a bond force, for which the rest positions count as
-unchanged."""
 ZERO_FRACTION = 1e-6
 """Fraction of the highest frequency below which a frequency is the square root of a rounded eigenvalue."""
 
@@ -208,7 +205,7 @@ def _pushes(system, changes):
         push = C.T @ ((pull / r)[:, None] * R) + change.foundation * springs
         largest = max(abs(pull).max(), abs(change.foundation * springs).max(), abs(calc.law.dphi(r)).max())
         pushes.append(push)
-        moved.append(bool(abs(P.T @ push.ravel()).max(initial=0.0) > SHIFTING * largest))
+        moved.append(bool(abs(P.T @ push.ravel()).max(initial=0.0) > BALANCED * largest))
     return pushes, moved
 
 

@@ -28,7 +28,7 @@ from ..errors import Unstable, finite, not_negative, one_of, positive, shown, wh
 from ..files import whole_file
 from ..lattices.bonds import lengths_of, pairs_within
 from ..stability.buckling import common_spring, softest_of
-from ..stiffness.matrices import MODELS, Central, Model, hessian, interaction_along
+from ..stiffness.matrices import MODELS, Central, Model, hessian
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem
 from ..traits import takes
@@ -181,7 +181,7 @@ class Structure:
         calc, given = self.calc, Rest.of(self.system)
         self.shape, self.springs, self.masses, self.frame = given.springs.shape, given.springs, given.masses, given.frame
         self.rods = (given.rods if rod_mass is None else not_negative('rod_mass', rod_mass, 'g')) + 0.0 * self.masses
-        law = interaction_along(calc.laws, calc.bonds, calc.reference.get_tags(), calc.strengths, calc.dim).central(calc.dim)
+        law = given.interaction.central(calc.dim)
         if law is None:
             raise ValueError('a design needs forces along the bonds between particles; upright magnets that leave their plane '
                              'have others: hold them in the plane')

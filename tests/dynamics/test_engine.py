@@ -16,9 +16,10 @@ from magphonon.dynamics import Constant, Harmonic, PrescribedMotion, ToneBurst, 
 
 L0, MASS, STEPS = 10.0, 0.7, 70  # mm, g; three blocks, the last one cut short
 LAW = InversePower(b=8900.0, a=4.5)
-EXACT = {'compiled': 2e-10, 'ase': 1e-9}
+EXACT = {'compiled': 2e-10, 'ase': 5e-9}
 """Of the largest displacement or velocity: ASE's loop rounds positions of 50 mm at 1e-14 mm, and under constraints makes
-velocities of their differences, by a step of 0.02 ms; both add up over 70 steps of motion by 0.05 mm."""
+velocities of their differences, by a step of 0.02 ms; both add up over 70 steps of motion by 0.05 mm.
+The oracle knows nothing of the force of 1e-10 N that may be left where particles relaxed."""
 ONE_KERNEL = {'cells': ['triangular'], 'shells': 1, 'laws': LAWS[1:2]} | dict.fromkeys(
     ('layer', 'damping of each', 'periodic', 'holes', 'moved', 'anchors', 'relaxed', 'springs', 'conventional', 'strengths',
      'kinds', 'load', 'gyration', 'table'), False)
@@ -35,12 +36,13 @@ class Motion:
         self.rng, self.traits, self.atoms = np.random.default_rng([seed, 5]), self.case.traits, self.case.atoms
         rng, count, dim, held = self.rng, len(self.atoms), self.case.dim, held_by(self.atoms)
         free = np.setdiff1d(np.arange(count), held)
+        size = self.case.truth.k.min() / 25  # of forces: springs are softer where particles relaxed
         self.order, self.damping, self.load = order or int(rng.choice([2, 2, 4, 6])), rng.choice([0.0, 0.1]), np.zeros((count, 3))
         if self.order == 2 and self.one('damping of each', 0.3):
             self.damping = rng.uniform(0, 0.2, count)
         if self.one('load', 0.3):
             loaded = rng.random((count, 1)) < rng.choice([0.05, 1.0])
-            self.load[:, :dim] = 0.3 * loaded * rng.normal(size=(count, dim))
+            self.load[:, :dim] = 0.3 * size * loaded * rng.normal(size=(count, dim))
         gyration = 0.0
         if self.order == dim == 2 and self.one('gyration', 0.4):
             gyration = rng.uniform(-1, 1, count) if rng.random() < 0.5 else 0.5
@@ -50,7 +52,8 @@ class Motion:
         self.pushed = rng.permutation(np.setdiff1d(free, [k for c in self.atoms.constraints for k in c.index]))[:3]
         if len(self.pushed) == 3 and self.one('drives', 0.4):
             a, b, c = self.pushed
-            self.drives += [ToneBurst([a, b], (1, 1), 0.3, 1.0), Harmonic(c, (0, 1), 0.2, 1.3, 0.4), Constant([a], (1, 0), 0.1)]
+            self.drives += [ToneBurst([a, b], (1, 1), 0.3 * size, 1.0), Harmonic(c, (0, 1), 0.2 * size, 1.3, 0.4),
+                            Constant([a], (1, 0), 0.1 * size)]
         if len(held) and self.one('walls', 0.3):
             self.drives.append(PrescribedMotion(Harmonic(held[:2], (1, 0.3), 0.05, 1.5)))
         allowed = allowed_motion(self.atoms, dim)

@@ -46,14 +46,14 @@ def softest(name, shells, a):
 
 def test_never_proves_what_is_not_so():
     proofs = 0
-    for seed in range(80):
-        atoms = structure(seed, most=40, unlike=seed % 4 == 0, moved=seed % 4 == 1).atoms
+    for seed in range(60):
+        atoms = structure(seed, most=40, foundation=(0.03, 0.1, 0.3), unlike=False, relaxed=False, moved=seed % 3 == 0).atoms
         system = LinearSystem.about(atoms.calc, atoms)
         if system.directions and proves_stable(system):
             squares = np.linalg.eigvalsh(system.K.toarray())
             assert squares[0] >= -ROUND_OFF * abs(squares).max()
             proofs += 1
-    assert proofs > 6
+    assert proofs > 4
 
 
 @pytest.mark.parametrize('name', ['chain', 'square', 'triangular', 'fcc', 'bcc'])
