@@ -390,15 +390,13 @@ class Bonds:
 
     def relative(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Displacements of the far ends of the bonds relative to the near ones, `C u`, from u of shape (particles, dim)."""
-        found = np.zeros((u.shape[1], len(self)), u.dtype)
-        _stretch(self.i, self.j, found, u.T)
-        return found.T  # the bonds last in memory, as of their vectors
+        return self.stretched(np.broadcast_to(np.zeros(1, u.dtype), (len(self), u.shape[1])), u)[0]
 
     def stretched(self, R: NDArray[np.float64], u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Vectors `R + C u`, shape (bonds, dim), and their lengths, shape (bonds,)."""
         vectors = np.array(R.T, order='C')
         r = _stretch(self.i, self.j, vectors, u.T)
-        return vectors.T, r
+        return vectors.T, r  # the bonds last in memory, as of their vectors at rest
 
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sums `C^T pull` over the bonds: `pull`, shape (bonds, dim), acts on the far ends, and its negative on the near ones."""
