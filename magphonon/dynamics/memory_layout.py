@@ -47,7 +47,7 @@ class Layout:
         The slot of each particle.
     length : int
         Number of slots, including the empty ones before the first and behind the last particle to which offsets lead.
-    bond : ndarray of int or slice
+    bond : ndarray of int, or slice
         The bonds in the list of bonds; a bond to one's own image never changes, and is left out.
     i, j : ndarray of int, shape (bonds,)
         Slots that each bond joins, on a grid the lower one first.  Where neighbours are looked up, each bond is there twice, from

@@ -138,15 +138,18 @@ def test_places_on_a_grid_are_found_in_any_order_and_with_scatter(name):
 def test_in_other_structures_neighbours_are_looked_up():
     patch = vacancies(lattices.parallelogram(cells()['triangular'], 8, 8))
     patch.set_array('site', None)
-    bonds = MagneticRepulsion(patch, LAW).bonds
-    with in_table('table'):
-        layout = arrange(patch, bonds, 2)
-    assert layout.offset is None
-    assert sorted(layout.slot) == list(range(len(patch)))
-    particle = np.argsort(layout.slot)
-    both = {*zip(bonds.i, bonds.j, strict=True), *zip(bonds.j, bonds.i, strict=True)}
-    assert set(zip(particle[layout.i], particle[layout.j], strict=True)) == both
-    assert len(set(zip(layout.column.tolist(), layout.i.tolist(), strict=True))) == len(layout.i)
+    strip = cells()['triangular'].repeat((1, 9, 1))  # bonds to images of oneself are left out
+    for atoms in (patch, strip):
+        bonds = MagneticRepulsion(atoms, LAW, cutoff=12.0).bonds
+        with in_table('table'):
+            layout = arrange(atoms, bonds, 2)
+        assert layout.offset is None
+        assert sorted(layout.slot) == list(range(len(atoms)))
+        particle, i, j = np.argsort(layout.slot), bonds.i[bonds.i != bonds.j], bonds.j[bonds.i != bonds.j]
+        ends = np.stack([particle[layout.i], particle[layout.j]])
+        assert sorted(zip(*ends, strict=True)) == sorted([*zip(i, j, strict=True), *zip(j, i, strict=True)])
+        assert (np.sort(ends, axis=0) == np.sort([bonds.i[layout.bond], bonds.j[layout.bond]], axis=0)).all()
+        assert len(set(zip(layout.column.tolist(), layout.i.tolist(), strict=True))) == len(layout.i)
     twice = lattices.parallelogram(cells()['triangular'], 8, 8)
     twice += twice  # its sites are no places any more
     assert arrange(twice, MagneticRepulsion(twice, LAW, bonds=[(0, 1), (64, 65)]).bonds, 2).offset is None
