@@ -35,7 +35,7 @@ def run(options: Namespace) -> int:
         lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
         _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
         spread = None if scene.uncertainty is None else _spread(scene, path, folder)
-        _draw(save, scene, bands, spread)
+        _draw(save, scene, atoms, bands, spread)
         told += report(scene, atoms, bands, phonon, lossy, spread, options.verbose)
     return int(bool(disagreement(scene, bands)))
 
@@ -103,7 +103,7 @@ def _save(folder, bands, phonon):
         write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
 
 
-def _draw(save, scene, bands, spread):
+def _draw(save, scene, atoms, bands, spread):
     from ..bands.bloch import PLANAR
     from ..plotting.bands import name_branches, plot_bands
     from ..plotting.response import plot_band_ribbons
@@ -120,5 +120,5 @@ def _draw(save, scene, bands, spread):
         plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=name)
     name_branches(ax, bands['complete'])
     save(ax.figure, 'bands')
-    if tuple(scene.perfect_cell().pbc) == PLANAR:
+    if tuple(atoms.pbc) == PLANAR:
         save(plot_zone(bands['complete'].path).figure, 'zone')

@@ -13,7 +13,7 @@ from .. import units
 from ..bands.bloch import bloch_modes, branch_names, first_zone
 from .axes import COLOURS, PREFIXES, label_frequencies, legend_of_set, letter_panels, panels, prefix_power
 from .bands import label_path
-from .waves import LINES, POWER, FLOOR_dB
+from .waves import LINES, POWER, draw_power
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,10 +33,8 @@ def plot_field(found: FieldMap, path: BandPath, cell: Atoms, points: RidgePoints
     figure, axes = panels(len(cell), 2, height=2.9 * len(cell))
     letter_panels(axes, [f'{name} motion' if len(cell) == 1 else name for name in names])
     for branch, (ax, name) in enumerate(zip(axes.ravel().tolist(), names, strict=True)):
-        with np.errstate(divide='ignore'):
-            dB = 10 * np.log10(found.power[branch] / found.power[branch].max(axis=1, keepdims=True))
-        image = ax.pcolormesh(x, units.hertz(found.omega), dB.T.clip(FLOOR_dB), cmap='Greys', vmin=FLOOR_dB, vmax=0,
-                              shading='nearest', rasterized=True)
+        power = found.power[branch]
+        image = draw_power(ax, x, units.hertz(found.omega), (power / power.max(axis=1, keepdims=True)).T)
         for model, (colour, line) in LINES.items():
             ax.plot(x, bands[model][:, branch], line, color=colour, label=model)
         if points is not None:
@@ -64,9 +62,7 @@ def plot_field_at(field: Field, cell: Atoms, omega: float, at: tuple[NDArray[np.
     prefix = prefix_power(largest / units.m)
     letter_panels(axes, [f'{units.hertz(omega):.4g} Hz, wavevectors',
                          f'points, longest arrow {largest / units.m / 10.0**prefix:.3g} {PREFIXES[prefix]}m'])
-    with np.errstate(divide='ignore'):
-        image = zone.pcolormesh(k, k, (10 * np.log10(power / power.max())).clip(FLOOR_dB), cmap='Greys', vmin=FLOOR_dB, vmax=0,
-                                shading='nearest', rasterized=True)
+    image = draw_power(zone, k, k, power / power.max())
     grid = np.stack(np.meshgrid(k, k), axis=-1).reshape(-1, 2)
     q = np.pad(grid @ cell.cell.array[:2, :2].T / (2 * np.pi), ((0, 0), (0, 1)))
     for model, (colour, line) in LINES.items():

@@ -131,23 +131,23 @@ def _label_outer(axes, shown):
 
 def _top(wave):
     spectrum = wave.spectrum
-    dB = _decibels(spectrum)
-    lit = spectrum.omega[dB.max(axis=1) > FLOOR_dB / 2].max()  # also where all waves run backwards
+    lit = spectrum.omega[spectrum.power.max(axis=1) > 10 ** (FLOOR_dB / 20) * spectrum.peak].max()  # also if all run backwards
     return min(MARGIN * lit, spectrum.omega[-1])
 
 
-def _decibels(spectrum):
+def draw_power(ax: Axes, x: NDArray[np.float64], y: NDArray[np.float64], power: NDArray[np.float64]) -> Any:
+    """Draw a power, shape (y, x), in units of the strongest, as a grey map in decibels; returns the image."""
     with np.errstate(divide='ignore'):
-        return 10 * np.log10(spectrum.power / spectrum.peak)
+        dB = 10 * np.log10(power)
+    return ax.pcolormesh(x, y, dB.clip(FLOOR_dB), cmap='Greys', vmin=FLOOR_dB, vmax=0, shading='nearest', rasterized=True)
 
 
 def _draw_map(ax, wave, top):
     """Draw the map up to the frequency `top` in rad/ms, with its branches and its ridge; returns the image."""
     spectrum, forward = wave.spectrum, wave.spectrum.xi >= 0
     shown = spectrum.omega <= top
-    image = ax.pcolormesh(spectrum.xi[forward], units.hertz(spectrum.omega[shown]),
-                          _decibels(spectrum)[np.ix_(shown, forward)].clip(FLOOR_dB),
-                          cmap='Greys', vmin=FLOOR_dB, vmax=0, shading='nearest', rasterized=True)
+    image = draw_power(ax, spectrum.xi[forward], units.hertz(spectrum.omega[shown]),
+                       spectrum.power[np.ix_(shown, forward)] / spectrum.peak)
     for (model, name), branch in wave.branches.items():
         colour, line = LINES[model]
         ax.plot(branch.xi, units.hertz(branch.omega), line, color=colour, label=model if name == 'shear' else None)

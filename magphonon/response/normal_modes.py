@@ -117,7 +117,7 @@ def _mirrors(system):
     middle = (places.max(axis=0) + places.min(axis=0)) / 2
     for turn in 1 - 2 * np.eye(3)[:dim]:
         partner = KDTree(places).query(middle + turn * (places - middle))[1]
-        exchange = sparse.kron(sparse.eye_array(len(places), format='csr')[partner], sparse.diags_array(turn[:dim]))
+        exchange = sparse.kron(sparse.csr_array(sparse.eye_array(len(places)))[partner], sparse.diags_array(turn[:dim]))
         P = sparse.csr_array(system.free.T @ exchange @ system.free)
         once = P.nnz == system.directions and (abs(P.data) == 1).all()
         if once and not (P != P.T).nnz and abs(P @ system.K @ P - system.K).max() <= ROUND_OFF * abs(system.K).max():
