@@ -49,14 +49,14 @@ def targets(source, *ports):
             for f, loud, quiet in zip(FREQUENCIES, ports, ports[::-1], strict=True)]
 
 
-def designed(model, cutoff, out, steps=250, draws=8):
-    """The device of somebody who knows this model and neighbours within `cutoff`; wider common errors let rare copies count."""
+def designed(model, cutoff, out, steps=250, draws=8, wide=1.0):
+    """The device of somebody who knows this model and neighbours within `cutoff`, and takes common errors this much wider."""
     patch = given(cutoff)
     at = patch.positions[:, :2] - patch.positions[:, :2].mean(0)
     over = {'strength': (GRADES[0], GRADES[-1]), 'rod': (RODS[0], RODS[-1]), 'foot': (-1.0, 1.0)}
     ends = targets(*(int(np.hypot(*(at - np.multiply(p, u.m)).T).argmin()) for p in PLACES))
     design = optimise(patch, ends, over, parts={'strength': GRADES, 'rod': RODS}, model=model, rod_mass=ROD * u.kg, steps=steps,
-                      draws=draws, errors=replace(ERRORS, force_percent=2.6, frequency_percent=1.3, stiffness_percent=0))
+                      draws=draws, errors=replace(ERRORS, force_percent=2 * wide, frequency_percent=wide, stiffness_percent=0))
     write_build_list(out / 'designed.csv', design.atoms)
     return Device.read(out / 'designed.csv')
 
@@ -133,7 +133,7 @@ def main(arguments=None):
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
     if options.device:
-        device = designed('complete', 45.0, options.out, steps=4800, draws=4)
+        device = designed('complete', 45.0, options.out, steps=4800, draws=4, wide=1.3)
     else:
         device = Device.read(ready_scene('demultiplexer').with_name('demultiplexer.csv'))
         written(options.out / 'demultiplexer_trim.csv', ('copy', 'model', 'built_dB', 'trimmed_dB', 'chi'), trim_table(device))

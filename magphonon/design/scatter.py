@@ -117,7 +117,7 @@ class Frame:
         rows, n, ends = self.dim * len(self.bonds), self.bonds.particles, np.stack([self.bonds.i, self.bonds.j], axis=1)
         columns = (n * np.arange(self.dim)[:, None, None] + ends).ravel()
         C = sparse.csr_array((np.tile([-1.0, 1.0], rows), columns, 2 * np.arange(rows + 1)), (rows, self.dim * n))
-        return C, C.T, self.free.T
+        return C, sparse.csr_array(C.T), sparse.csr_array(self.free.T)
 
     @cached_property
     def _assembly(self):
