@@ -331,7 +331,7 @@ def _lowest_filtered(filtered, count, start, tolerance):
     return _eigenpairs(filtered.K, V)
 
 
-def _highest(function, start, tolerance=TOP):
+def _highest(function, start, tolerance: Any = TOP):
     """The highest eigenvalue of a symmetric matrix, given as a function that multiplies it with a vector."""
     operator = LinearOperator((len(start), len(start)), function, dtype=float)  # pyright: ignore[reportCallIssue]  its stubs
     return eigsh(operator, 1, which='LA', v0=start, tol=tolerance, return_eigenvectors=False)[0]
