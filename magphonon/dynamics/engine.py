@@ -313,7 +313,8 @@ class Blocks:
             return Bonds(near, self._each(S), self._each(q[kind]), self._each(g[kind]), self._each(factors * np.ones(len(kind))))
         mine = self._at[self._mobile[:, 0]]
         whole = all(row[mine].all() and row[mine - o].all() for row, o in zip(there, offset, strict=True))  # pyright: ignore
-        return Bonds(near, *(np.ascontiguousarray(x, self._dtype) for x in (S[:, self._first], q, g)), None if whole else there)
+        S, q, g = (np.ascontiguousarray(x, self._dtype) for x in (S[:, self._first], q, g))
+        return Bonds(near, S, q, g, None if whole else there)
 
     def _sites(self):
         """What acts on the slots, for the kernel."""
@@ -321,10 +322,10 @@ class Blocks:
 
         d, mobility = self._half[:, None], self._mobile / self._masses[:, None]
         decay, self._push = np.hstack([d, d * d, d]), np.hstack([1 + 0 * d, (1 + d * d) / 2, d]) * mobility
-        turns = self._put(np.stack([decay, self._push], axis=1).imag) if np.iscomplexobj(d) else None
+        turns = self._put(np.imag(np.stack([decay, self._push], axis=1))) if np.iscomplexobj(d) else None
         springs = np.broadcast_to(self.calc.foundation, (len(d), self.calc.dim))
         load = None if self._load is None else self._put(self._load)
-        return Sites(self._put(springs), load, self._put(decay.real), self._put(self._push.real), turns)
+        return Sites(self._put(springs), load, self._put(np.real(decay)), self._put(np.real(self._push)), turns)
 
     def _flow_of(self, stages):
         """Factors (keep, kick, drift) of the stages of a block, in which the last kick of a step and the next share one."""
@@ -427,7 +428,7 @@ class Blocks:
         flow, reach = self._flow_of(len(times)), self._dtype(RANGES[self._level])
 
         def work(pulls, part, some):
-            return stages(u, w, v, *pulls, bonds, sites, flow, reach, self._runs, part, pushed, guided, led, some)
+            return stages(u, w, v, pulls[0], pulls[1], bonds, sites, flow, reach, self._runs, part, pushed, guided, led, some)
 
         if len(parts) == 1:
             beyond = work(self._pulls[0], parts[0], (0, len(times)))

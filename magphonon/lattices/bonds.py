@@ -154,16 +154,16 @@ def vectors_between(atoms: Atoms, i: NDArray[np.int_], j: NDArray[np.int_], shif
         if shifted:
             np.subtract(place[j] + shift @ atoms.cell.array[:, x], place[i], out=found)
         elif np.ptp(place):
-            found[:] = _stretched(*(np.ascontiguousarray(end, np.int32) for end in (i, j)), found[None], place[None])[0]
+            _stretch(i, j, found[None], place[None])
     return vectors.T
 
 
-def _stretched(i, j, R, u):
-    """Vectors `R + u_j - u_i`, shape (rows, pairs), and their lengths; by NumPy or compiled, the bits are the same."""
+def _stretch(i, j, vectors, u):
+    """Add `u_j - u_i` to vectors, shape (rows, pairs), and return their lengths; by NumPy or compiled, the bits are the same."""
     if u.dtype == float and (passes := compiled(u.shape[1])):
-        return passes.stretched(i, j, np.ascontiguousarray(R), np.ascontiguousarray(u))
-    vectors = R + (u.take(j, axis=1) - u.take(i, axis=1))
-    return vectors, lengths_of(vectors.T)
+        return passes.stretch(*(np.ascontiguousarray(end, np.int32) for end in (i, j)), vectors, np.ascontiguousarray(u))
+    vectors += u.take(j, axis=1) - u.take(i, axis=1)
+    return lengths_of(vectors.T)
 
 
 def lengths_of(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -390,11 +390,12 @@ class Bonds:
 
     def relative(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Displacements of the far ends of the bonds relative to the near ones, `C u`, from u of shape (particles, dim)."""
-        return self.stretched(np.zeros((len(self), u.shape[1])), u)[0]
+        return self.stretched(np.broadcast_to(np.zeros(1, u.dtype), (len(self), u.shape[1])), u)[0]
 
     def stretched(self, R: NDArray[np.float64], u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Vectors `R + C u`, shape (bonds, dim), and their lengths, shape (bonds,)."""
-        vectors, r = _stretched(self.i, self.j, R.T, u.T)
+        vectors = np.array(R.T, order='C')
+        r = _stretch(self.i, self.j, vectors, u.T)
         return vectors.T, r  # the bonds last in memory, as of their vectors at rest
 
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:

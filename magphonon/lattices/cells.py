@@ -75,15 +75,17 @@ def _in_cells(points, n, reach, low, sides, i, j):
     return found
 
 
-@kept(types.Tuple((types.float64[:, ::1], types.float64[::1]))(INDICES, INDICES, ROWS, ROWS))
-def stretched(i, j, R, u):
-    """Vectors `R + u_j - u_i` of pairs, shape (rows, pairs), and their lengths, from u of shape (rows, particles)."""
-    vectors, squares = np.empty((len(u), len(i))), np.zeros(len(i))
+@kept(types.float64[::1](INDICES, INDICES, types.float64[:, ::1], ROWS))
+def stretch(i, j, vectors, u):
+    """Add `u_j - u_i` to vectors of pairs, shape (rows, pairs), from u of shape (rows, particles); returns their lengths."""
+    r = np.zeros(len(i))
     for x in range(len(u)):
         for b in range(len(i)):
-            vectors[x, b] = R[x, b] + (u[x, j[b]] - u[x, i[b]])
-            squares[b] += vectors[x, b] ** 2
-    return vectors, np.sqrt(squares)
+            vectors[x, b] += u[x, j[b]] - u[x, i[b]]
+            r[b] += vectors[x, b] ** 2
+    for b in range(len(i)):
+        r[b] = np.sqrt(r[b])
+    return r
 
 
 @kept(types.UniTuple(types.float64[:, ::1], 2)(INDICES, INDICES, ROWS, types.intp))

@@ -373,18 +373,13 @@ class PairCalculator(Repulsion):
             In N/mm, with the components in ASE's order.  Rows along z are empty for planar particles.
         """
         one_of('part', part, HESSIAN_PARTS)
-        H = self.hessian_at(self.displacements(atoms), part)
-        to_space = sparse.kron(sparse.eye_array(len(atoms)), sparse.eye_array(3, self.dim), format='csr')
-        return sparse.csr_array(to_space @ H @ to_space.T)
-
-    def hessian_at(self, u: NDArray[np.float64], part: str = 'all') -> sparse.csr_array:
-        """Like `get_hessian`, but at displacements `u` from rest in mm, shape (particles, dim), with `dim` components each."""
-        vectors = self.displaced(u)[0]
-        D0, Dstar = self.interaction.stiffness(vectors)
+        D0, Dstar = self.interaction.stiffness(self.displaced(self.displacements(atoms))[0])
         if self.model == 'conventional':
             Dstar = np.zeros_like(Dstar)
         K = {'D0': D0, 'Dstar': Dstar, 'foundation': 0 * D0, 'all': D0 + Dstar}[part]
-        return hessian(self.bonds, K, self.foundation if part in ('all', 'foundation') else 0.0)
+        H = hessian(self.bonds, K, self.foundation if part in ('all', 'foundation') else 0.0)
+        to_space = sparse.kron(sparse.eye_array(len(atoms)), sparse.eye_array(3, self.dim), format='csr')
+        return sparse.csr_array(to_space @ H @ to_space.T)
 
     def forces_beyond_rest(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Change of the forces due to displacements `u` from rest: N, both of shape (particles, dim)."""

@@ -207,7 +207,9 @@ def upper_part(vectors: NDArray[np.float64], law: Law, model: Model = 'complete'
     r = _lengths(vectors)
     along, n = np.maximum(acting.law.d2phi(r), 0), vectors.T / r
     across = 0 * r if model == 'conventional' else np.maximum(acting.law.dphi(r) / r, 0)
-    return ((along - across) * n[:, None] * n + across * np.eye(len(n))[..., None]).T
+    K, x = (along - across) * n[:, None] * n, np.arange(len(n))
+    K[x, x] += across
+    return K.T
 
 
 def displaced(bonds: Bonds, vectors: NDArray[np.float64], r: NDArray[np.float64], interaction: PairInteraction,

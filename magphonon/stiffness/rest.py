@@ -140,14 +140,16 @@ class LinearSystem:
         calc = calc if same_cell(calc, atoms) else calc.about(atoms)
         calc = calc if push is None else calc.about(calc.reference, calc.load + push)
         reference, u = cls.about(calc, atoms), calc.displacements(atoms)
-        if not reference.left.any():
-            if abs(u).max(initial=0.0) <= ELSEWHERE * calc.bonds.shortest:
-                return reference
+        left = reference.left.max(initial=0.0)
+        if not u.any() or (not left and abs(u).max() <= ELSEWHERE * calc.bonds.shortest):
+            return reference
+        if calc.model == 'complete':
             with suppress(ValueError):  # of bonds out of range
-                if calc.model == 'complete' and reference.unbalanced(reference.static + calc.forces_beyond_rest(u)).any():
+                forces = reference.static + calc.forces_beyond_rest(u)
+                if reference.unbalanced(forces).max(initial=0.0) > left:
                     return reference
         here = cls.about(calc.about(atoms), atoms)
-        return here if here.left.max(initial=0.0) <= reference.left.max(initial=0.0) else reference
+        return here if here.left.max(initial=0.0) <= left else reference
 
     @classmethod
     def about(cls, calc: Repulsion, atoms: Atoms) -> Self:
