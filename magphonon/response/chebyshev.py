@@ -64,7 +64,9 @@ their first pass meets.  Number of modes they may miss."""
 TOP, ABOVE = 0.01, 1.02
 """Accuracy of the highest eigenvalue, and how far above it filters end: the largest row sum is 37 % above it in a triangular
 lattice.  If an eigenvalue lay beyond, a filter would find that one, and random vectors would show it."""
-LONGEST = 1000  # products of a filter: eigenvalues closer together than 5e-6 of the highest are crowded, and factors sooner there
+LONGEST = 1000
+"""Products of a filter from which eigenvalues are crowded, and factors sooner there, up to 200 000 directions; of more, the
+lowest ones are as much closer together as the patch is wider."""
 
 
 class Outside(ArithmeticError):
@@ -274,17 +276,17 @@ def lowest_by_products(K: Products, size: int, count: int) -> tuple[NDArray[np.f
     low = top - _highest(lambda v: top * v - _times(K, v), start)
     bound = low + (top - low) / 16
     while True:
-        values, vectors, left = _lowest_filtered(_Filter(K, low, bound, top), ROUGH, start, LOOSE)
+        values, vectors, left = _lowest_filtered(_Filter(K, size, low, bound, top), ROUGH, start, LOOSE)
         start, low, width = vectors.sum(axis=1), values[0], values[-1] - values[0]
         if left.max() < width:
             break
         bound = low + ROUGH * width
     more = count + count // 2 + 2  # so far above the wanted ones nothing may grow
     bound, start = low + 3 * width * more / ROUGH, random.normal(size=size)
-    values, vectors, left = _lowest_filtered(_Filter(K, low, bound, top), more, start, CERTAIN)
+    values, vectors, left = _lowest_filtered(_Filter(K, size, low, bound, top), more, start, CERTAIN)
     for _ in range(MISSED if len(values) > count else 0):
         grown = _orthogonal(random.normal(size=size), vectors)
-        filtered, longest = _Filter(K, values[count - 1], values[-1], top), np.linalg.norm(grown)
+        filtered, longest = _Filter(K, size, values[count - 1], values[-1], top), np.linalg.norm(grown)
         for _ in range(int(np.log(longest / CHANCE) / np.log(np.cosh(RISE))) + 1):
             with np.errstate(all='ignore'):
                 grown = _orthogonal(filtered(grown), vectors)
@@ -303,11 +305,11 @@ def _orthogonal(s, vectors):
 class _Filter:
     """The function v -> T_d(X) v that is about e^RISE/2 at the eigenvalue `low`, and at most 1 from the `bound` to the top."""
 
-    def __init__(self, K, low, bound, top):
+    def __init__(self, K, size, low, bound, top):
         bound = min(bound, (low + top) / 2)  # the wanted modes of a small structure may lie far apart
         self.K, radius, above = K, (top - bound) / 2, bound - low
         degree = RISE / np.arccosh(1 + above / radius) if above > 0 else np.inf
-        if degree > LONGEST:
+        if degree > LONGEST * max(1.0, np.sqrt(size / 2e5)):
             raise Crowded
         self.degree, self.X2 = 2 * int(degree / 2) + 2, K.scaled(2 / radius, bound + radius)
 

@@ -244,6 +244,10 @@ def test_products_do_not_find_what_is_crowded():
     for squares in (np.full(300, 2.0), np.append(np.linspace(1, 1 + 1e-9, 20), np.linspace(2, 3, 280))):
         with pytest.raises(Crowded):
             lowest_by_products(sparse.csr_array(sparse.diags_array(squares)), 300, 4)
+    ends = chebyshev.Matrix(sparse.csr_array(sparse.eye_array(2))), 0.0, 5e-6, 1.0  # 1342 products, for a million magnets few
+    with pytest.raises(Crowded):
+        chebyshev._Filter(ends[0], 2e5, *ends[1:])
+    assert chebyshev._Filter(ends[0], 2e6, *ends[1:]).degree > chebyshev.LONGEST
 
 
 @pytest.mark.parametrize('seed', [40, 56, 3])
