@@ -128,7 +128,7 @@ class Frame:
         signs = np.append(np.broadcast_to([1.0, 1.0, -1.0, -1.0], of_bonds.shape), np.ones(size))
         begins = np.append(4 * np.arange(len(of_bonds)), of_bonds.size + np.arange(size + 1))
         each = sparse.csr_array((signs, np.append(of_bonds, (size + 1) * np.arange(size)), begins), (len(begins) - 1, size**2))
-        return (each @ sparse.kron(self.free, self.free, format='csr')).T
+        return sparse.csr_array((each @ sparse.kron(self.free, self.free, format='csr')).T)
 
     @cached_property
     def shares(self) -> sparse.csr_array:

@@ -317,7 +317,7 @@ class PairCalculator(Repulsion):
             R, u = R + self._minimum_image(self.bonds.relative(u)), 0 * u
         return displaced(self.bonds, *self.bonds.stretched(R, u), self.interaction, self.model)
 
-    def _pulls(self, u, at_rest=0.0):
+    def _pulls(self, u, at_rest: Any = 0.0):
         """Sums over the bonds of each particle at displacements u: half of the energies beyond those `at_rest` in mJ, shape
         (particles,), and the gradients by the positions in N, (particles, dim).
         """
