@@ -32,7 +32,7 @@ RESIDUAL = 1e-9  # largest force left on a particle, as a fraction of the larges
 SLACK = 1e-3  # least scale of the bond force, in stiffness times length, for bonds that are slack, such as springs
 HANDED_OVER = 1e-6
 """Gradient, as a fraction of the largest bond force, below which plain Newton steps replace the minimisation, because energies
-are no longer accurate enough."""
+are no longer accurate enough; on springs much stiffer than a bond the minimisation itself ends there, earlier."""
 TRUST = 0.1, 0.5  # first and longest step in shortest bonds, over all particles together
 POLISHES = 6  # largest number of plain Newton steps
 REGULAR = 1e-10  # stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none
@@ -228,7 +228,7 @@ class _Descent:
         end = minimize(self.energy, y, jac=self.slope, hessp=lambda y, p: self.stiffness(y) @ p, method='trust-ncg',
                        options=options)
         self._refuse_strangers(end.x)
-        y, polished = self._polished(end.x) if end.success else (end.x, 0)
+        y, polished = self._polished(end.x) if end.nit < steps else (end.x, 0)
         return y, end.nit + polished
 
     def _polished(self, y):
