@@ -107,21 +107,23 @@ def _lowest(system, count):
 
 
 def _mirrors(system):
-    """Reflections of a structure along each axis, as matrices of its coordinates, where they leave K as it is.
+    """Reflections of a structure along each axis, as matrices of its coordinates, which leave K as it is and commute.
 
     Their coordinates are exchanged in pairs or stay, with a sign: in each row and column one number is not zero, 1 or -1.
     """
     if system.directions <= SMALL:
         return []
     places, dim, found = system.atoms.positions, system.dim, []
-    middle = (places.max(axis=0) + places.min(axis=0)) / 2
+    middle, sizes = (places.max(axis=0) + places.min(axis=0)) / 2, abs(system.K).sum(axis=1)
     for turn in 1 - 2 * np.eye(3)[:dim]:
         partner = KDTree(places).query(middle + turn * (places - middle))[1]
         exchange = sparse.kron(sparse.csr_array(sparse.eye_array(len(places)))[partner], sparse.diags_array(turn[:dim]))
         P = sparse.csr_array(system.free.T @ exchange @ system.free)
         once = P.nnz == system.directions and (abs(P.data) == 1).all()
-        if once and not (P != P.T).nnz and abs(P @ system.K @ P - system.K).max() <= ROUND_OFF * abs(system.K).max():
-            found.append(P)
+        if once and not (P != P.T).nnz and not any((P @ other != other @ P).nnz for other in found):
+            off = abs(P @ system.K @ P - system.K).tocoo()
+            if (off.data <= ROUND_OFF * np.sqrt(sizes[off.row] * sizes[off.col])).all():  # a stiff site hides nothing elsewhere
+                found.append(P)
     return found
 
 
