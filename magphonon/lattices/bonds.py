@@ -317,8 +317,6 @@ class Bonds:
         slim['vectors'] = np.asfortranarray(self.vectors)  # the bonds last in memory
         if not np.any(self.shift):
             slim['shift'] = np.broadcast_to(np.zeros(3, int), (len(self.i), 3))
-        if any(k.min(initial=0) < 0 or k.max(initial=-1) >= self.particles for k in (slim['i'], slim['j'])):
-            raise ValueError(f'bonds join particles from 0 to {self.particles - 1}; some of their i or j lie outside')
         for name, values in slim.items():
             object.__setattr__(self, name, values)
 

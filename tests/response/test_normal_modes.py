@@ -155,6 +155,7 @@ def test_modes_of_each_parity_are_those_of_the_whole(shape, side, mirrors, heavi
 
 
 @pytest.mark.filterwarnings('ignore:the stiffest bond has')
+@pytest.mark.filterwarnings('ignore:a mass of')
 def test_mirrors_are_of_all_sites_however_stiff_others_are_and_commute():
     """Beside a stiff pillar in the middle, two springs differ by 1e-4; of bodies without forces any two are exchanged."""
     for off, mirrors in ((0.0, 2), (1e-4, 1)):
