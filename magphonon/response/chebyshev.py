@@ -65,8 +65,8 @@ TOP, ABOVE = 0.01, 1.02
 """Accuracy of the highest eigenvalue, and how far above it filters end: the largest row sum is 37 % above it in a triangular
 lattice.  If an eigenvalue lay beyond, a filter would find that one, and random vectors would show it."""
 LONGEST = 1000
-"""Products of a filter from which eigenvalues are crowded, and factors sooner there, up to 200 000 directions; of more, the
-lowest ones are as much closer together as the patch is wider."""
+"""If a filter needs more products than this, the eigenvalues count as crowded and sparse factors are faster.  Above 200 000
+directions the limit grows as the width of the patch, because the lowest eigenvalues lie closer together."""
 
 
 class Outside(ArithmeticError):

@@ -31,7 +31,7 @@ MOST_TURNING = 1500  # the same limit with gyroscopic forces: matrices are compl
 LOWEST = 60  # number of the lowest modes of a larger patch
 BY_PRODUCTS = 16000
 """Number of free directions from which products with K find modes sooner than its factors, if its bonds lie on a grid: four times
-as soon at 19 000, where to load what multiplies takes as long again, in a quarter of the memory at 200 000.  In a periodic
+as soon at 19 000, where loading the compiled code takes as long again, in a quarter of the memory at 200 000.  In a periodic
 structure many waves have the same frequency, which takes products eight times as long."""
 
 EQUAL = 1e-11  # difference of squared frequencies, as a fraction of the largest entry of K, up to which they are equal
@@ -101,7 +101,7 @@ def _lowest(system, count):
         from .chebyshev import Crowded, Matrix, lowest_by_products, products_of
 
         if not isinstance(K := products_of(system), Matrix):
-            with suppress(Crowded, sparse.linalg.ArpackError):  # the latter where nothing resists
+            with suppress(Crowded, sparse.linalg.ArpackError):  # the latter if K is zero
                 return lowest_by_products(K, system.directions, count)
     return lowest_eigenpairs(system.K, count)
 
