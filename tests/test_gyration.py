@@ -69,14 +69,31 @@ def test_orders_above_two_are_refused_when_anything_turns():
     patch = hill(1.0)
     with pytest.raises(ValueError, match='a step of order 4 or 6 does not support particles that gyrate'):
         DrivenVerlet(patch, 0.01, order=4)
-    for asked, later in ({'order': 4}, 'does not support particles that gyrate'), ({'tolerance': 1e-6}, 'take steps of at most'):
-        patch.calc.set(gyration=0.0)
-        dyn = DrivenVerlet(patch, 0.1, **asked)
+
+
+@pytest.mark.parametrize(('asked', 'changed', 'later'), [
+    ({'order': 4}, 'gyration', 'does not support particles that gyrate'), ({'order': 4}, 'damping', 'need one damping for all'),
+    ({'tolerance': 1e-6}, 'gyration', 'take steps of at most'), ({'tolerance': 1e-6}, 'damping', 'take steps of at most')])
+def test_what_no_order_above_two_can_do_is_judged_anew_when_it_comes_later(asked, changed, later):
+    patch = hill(1.0)
+    patch.calc.set(gyration=0.0, foundation=3.0)
+    dyn = DrivenVerlet(patch, 0.1, **asked)
+    dyn.run(1)
+    assert dyn.splitting.order == 4
+
+    def change():
+        if changed == 'gyration':
+            patch.calc.set(gyration=1.0)
+        else:
+            dyn.damping = np.linspace(0, 0.1, len(patch))
         dyn.run(1)
-        assert dyn.splitting.order == 4
-        patch.calc.set(gyration=1.0)
-        with pytest.raises(ValueError, match=later):
-            dyn.run(1)
+
+    with pytest.raises(ValueError, match=later):
+        change()
+    if 'tolerance' in asked:  # as soon as steps are short enough, those of order 2 go on
+        dyn.dt = 1e-3
+        dyn.run(1)
+        assert dyn.splitting.order == 2
 
 
 def honeycomb(g, k=6.0, rows=None):

@@ -61,25 +61,31 @@ def statics_against_energies_of_pairs(case, truth):
     energies = atoms.get_potential_energy() - start, atoms.get_potential_energies().sum() - start
     from_rest = atoms.calc.about(case.atoms).get_potential_energy(atoms)
     off = [compare(found, energy, scale) for found in (*energies, from_rest)]
-    off.append(compare(B.T @ atoms.get_forces()[:, :dim].ravel(), B.T @ force, scale))
+    off.append(compare(atoms.get_forces()[:, :dim].ravel(), B @ (B.T @ force), scale))  # nothing along what is barred
     return max(*off, compare(B.T @ in_plane(atoms.calc.get_hessian(atoms), dim) @ B, H, truth.scale))
 
 
 def bloch_matrix_against_periodic_lattice(case, truth):
-    """All waves that fit n x m cells against the spectrum of those cells with periodic borders, and the energy of each."""
+    """All waves that fit n x m cells against the spectrum of those cells with periodic borders, and one that fits none.
+
+    Its frequencies are compared with the matrix of its wave, and the energy of each shape with its frequency.
+    """
     n = len(case.atoms)
     repeat = np.where(case.atoms.pbc, case.rng.integers(1, 4, 3), 1)
     while np.prod(repeat) * n > 40:
         repeat[repeat.argmax()] -= 1
-    q = np.array(list(product(*(np.arange(c) for c in repeat)))) / repeat
+    fit = np.array(list(product(*(np.arange(c) for c in repeat)))) / repeat
+    q = np.concatenate([fit, [case.rng.uniform(-1, 1, 3) * case.atoms.pbc]])
     omega, shapes = bloch_modes(case.atoms, q, case.truth.model, vectors=True)
     K, rows = truth.repeated(repeat)
     B = free_basis(truth.perfect.repeat(repeat), case.dim)  # a guided particle has one mass along all directions
     scale = truth.scale / truth.masses.max()
-    off = compare(np.sort((omega * abs(omega)).ravel()), np.linalg.eigvalsh(B.T @ weighted(K, rows) @ B), scale)
+    squares = omega * abs(omega)
+    off = compare(np.sort(squares[:-1].ravel()), np.linalg.eigvalsh(B.T @ weighted(K, rows) @ B), scale)
     D, B = weighted(truth.waves(q), truth.rows), free_basis(truth.perfect, case.dim)
+    off = max(off, compare(squares, np.linalg.eigvalsh(B.T @ D @ B), scale))
     v = shapes.reshape(len(q), -1, len(truth.rows)) @ B @ B.T
-    return max(off, compare(np.einsum('qma,qab,qmb->qm', v.conj(), D, v).real, omega * abs(omega), scale))
+    return max(off, compare(np.einsum('qma,qab,qmb->qm', v.conj(), D, v).real, squares, scale))
 
 
 def velocities_against_differences(case, truth, h=1e-5):
@@ -218,7 +224,7 @@ def limit_against_largest_eigenvalue(case, truth):
 
 
 METHODS = {
-    'statics': (statics_against_energies_of_pairs, EXACT),
+    'statics': (statics_against_energies_of_pairs, 1e-11),
     'velocities': (velocities_against_differences, 1e-6),  # differences over 1e-5 of the zone; the two sides of a crossing
     'bloch': (bloch_matrix_against_periodic_lattice, EXACT),
     # forces over a displacement of 1e-5 bonds: curvature, 20 (1e-5)^2, and round-off, times steep laws
@@ -280,28 +286,27 @@ def notices(method, case, false, tolerance):
         return True
 
 
-def follow(family, seeds, control=True, **drawn):
-    """Compare all methods of a family, and with one fault in turn; how many comparisons, and which faults each method noticed."""
+def follow(family, seeds, faults=1, **drawn):
+    """Compare all methods of a family, also with faults; how many comparisons, and whether each method noticed each fault.
+
+    Of the faults that make a difference to a structure, it gets the first few, counted from its own seed.
+    """
     methods, limits, _ = FAMILIES[family]
     compared, noticed = 0, defaultdict(list)
     for seed in seeds:
         case = structure(seed, **limits | drawn)
         turn = seed % len(FAULTS)
-        faulty = ((how, FAULTS[how](case.truth)) for how in [*FAULTS, *FAULTS][turn : turn + len(FAULTS)])
-        how, false = next(fault for fault in faulty if fault[1])
+        wrong = ((how, FAULTS[how](case.truth)) for how in [*FAULTS, *FAULTS][turn : turn + len(FAULTS)] * bool(faults))
+        wrong = [fault for fault in wrong if fault[1]][:faults]
         for name in methods:
             method, tolerance = METHODS[name]
             off = method(case, case.truth)
             assert off < tolerance, f'{name}, seed {seed} of {family}: off by {off:.2g}'
             compared += 1
-            if control and (name, how) not in BLIND:
-                noticed[name, how].append(notices(method, case, false, 10 * tolerance))
+            for how, false in wrong:
+                if (name, how) not in BLIND:
+                    noticed[name, how].append(notices(method, case, false, 10 * tolerance))
     return compared, noticed
-
-
-def shares(noticed, methods):
-    """How many of the faults that it met each method noticed."""
-    return {name: np.mean([saw for (method, _), saws in noticed.items() if method == name for saw in saws]) for name in methods}
 
 
 @pytest.mark.parametrize('family', FAMILIES)
@@ -310,27 +315,30 @@ def test_few_structures(family):
     methods, *_ = FAMILIES[family]
     compared, noticed = follow(family, range(6))
     assert compared == 6 * len(methods)
-    assert min(shares(noticed, methods).values()) > 1 / 5
+    for name in methods:
+        assert np.mean([saw for (method, _), saws in noticed.items() if method == name for saw in saws]) > 1 / 5
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('family', FAMILIES)
 def test_all_methods_agree_with_dense_algebra_and_faults_are_noticed(family):
+    """Every fault of every structure, each by itself."""
     methods, _, many = FAMILIES[family]
-    compared, noticed = follow(family, range(many))
+    compared, noticed = follow(family, range(many), len(FAULTS))
     assert compared == many * len(methods)
     # not each time: a bond may be lost between particles that are held, an exchange may be a symmetry, and a lattice that needs
     # no foundation needs none
-    assert min(shares(noticed, methods).values()) > 1 / 5
-    assert not {fault for fault, seen in noticed.items() if len(seen) > 3 and not any(seen)}
+    assert not {fault for fault, seen in noticed.items() if len(seen) > 1 and not any(seen)}
+    assert not {fault: np.mean(seen) for fault, seen in noticed.items() if len(seen) > 5 and np.mean(seen) < 1 / 3}
+    assert {how for _, how in noticed} >= FAULTS.keys() - {'guides', 'mass'}
 
 
 @pytest.mark.long
 @pytest.mark.parametrize('family', FAMILIES)
 def test_thousands_of_structures(family):
-    """`python -m pytest -n 0 -m long tests/test_methods_compared.py`: forty times as many, and some of up to 150 particles."""
+    """`python -m pytest -n 0 -m long tests/test_methods_compared.py`: twenty times as many, and some of up to 150 particles."""
     methods, _, many = FAMILIES[family]
-    compared, _ = follow(family, range(100, 100 + 20 * many), control=False)
+    compared, _ = follow(family, range(100, 100 + 20 * many), faults=0)
     assert compared == 20 * many * len(methods)
     if family in ('structures', 'verdicts'):
-        follow(family, range(many), control=False, most=150 if family == 'structures' else 9)
+        follow(family, range(many), faults=0, most=150 if family == 'structures' else 9)

@@ -40,6 +40,18 @@ def test_lowest_eigenvalue_of_a_patch_to_round_off(seed):
     assert np.linalg.norm(alike.T @ mode) == pytest.approx(1, abs=1e-6)
 
 
+@pytest.mark.slow
+def test_lanczos_on_the_matrix_itself_stops_short():
+    """The control: what was done before, to 1e-4 of the eigenvalue."""
+    short = []
+    for seed in range(8):
+        K = patch_matrix(seed)
+        start = np.random.default_rng(0).normal(size=K.shape[0])
+        rough = sparse.linalg.eigsh(K, k=1, which='SA', v0=start, tol=1e-4, return_eigenvectors=False)[0]
+        short.append((rough - np.linalg.eigvalsh(K.toarray())[0]) / lowest_mode(K)[1])
+    assert max(short) > 1e-11  # a hundred times what is allowed above
+
+
 @pytest.mark.parametrize('seed', range(3))
 def test_chains_of_soft_and_stiff_springs_have_a_lowest_mode(seed):
     """Springs drawn over four and more decades; the control: Lanczos iterations on the matrix itself do not end."""
