@@ -172,7 +172,7 @@ def checked_supercell(calc: Repulsion, supercell: Any) -> NDArray[np.int_]:
     matrix = np.array(supercell, dtype=int)
     if (matrix != still)[~pbc].any() or (matrix != still)[:, ~pbc].any():
         raise ValueError(f'the supercell {told} repeats or mixes in a direction that is not periodic: there, row and column must '
-                         f'be those of the unit matrix; give supercell={_ints(np.where(pbc, matrix.diagonal(), 1))}')
+                         f'be those of the unit matrix; give supercell={tuple(np.where(pbc, matrix.diagonal(), 1).tolist())}')
     if not calc.pairwise:
         return matrix
     # phonopy lays the force constant between two particles on their shortest connection: that is the bond only if
@@ -190,10 +190,6 @@ def checked_supercell(calc: Repulsion, supercell: Any) -> NDArray[np.int_]:
 def _told(matrix):
     along = matrix.diagonal()
     return str(matrix.tolist()) if (matrix != np.diag(along)).any() else ' x '.join(map(str, along))
-
-
-def _ints(supercell):
-    return tuple(map(int, supercell))
 
 
 def default_distance(calc: Repulsion) -> float:

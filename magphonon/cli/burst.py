@@ -234,6 +234,7 @@ def _unstable(cell):
 
     found = verdict(cell).case.inside
     if found.stable or found.verge:
-        return [found.words('')] * found.verge
-    return [f'UNSTABLE: {found.words("")} In the complete simulation the growth may hide the burst; the conventional model does '
-            'not show it. Lowering force_N does not help: the growth does not depend on the force.']
+        return [f'The infinite lattice: {found.words("")}'] * found.verge
+    return [f'UNSTABLE: the static forces buckle the infinite lattice. {found.words("")} In the complete simulation the growth '
+            'may hide the burst; the conventional model does not show it. Lowering force_N does not help: the growth does not '
+            'depend on the force.']

@@ -58,6 +58,7 @@ ENOUGH = 100_000  # number of particles of a thread from which on another one pa
 COMPILING_PAYS, BESIDE = 2e6, 1000
 """An evaluation of the forces takes ASE's loop 0.15 us for each particle and for BESIDE more.  COMPILING_PAYS of these take as
 long as loading compiled steps, 0.3 s; the seconds that these take to be compiled, once on a machine, are saved in ten runs."""
+ROUNDED = 0.2  # phase in rad that errs as much as slow motion does by rounding its displacements in a stage, in single precision
 SUMMED = 1e-9  # round-off of the errors of all steps
 HEADROOM = 0.6  # share of a tolerance that steps use up which are told along a run, as strains may still grow
 BLOCK = 32  # largest number of steps between two checks whether particles have collided or left
@@ -451,7 +452,8 @@ class DrivenVerlet(VelocityVerlet):
 
         An error e is e/2 of a phase.  It is a power of two, so that it seldom changes as a run gets longer.
         """
-        phase = self._omega * self.max_steps * self.dt
+        stages = SPLITTINGS[self.asked_order or 6].stages
+        phase = self.max_steps * max(self._omega * self.dt, ROUNDED * stages)
         return 2.0 ** np.floor(np.log2(self.tolerance / max(phase, 1.0))) if self.tolerance and self.max_steps else 0.0
 
     def _refuse_changed_step(self, dt):

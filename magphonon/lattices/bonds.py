@@ -113,7 +113,7 @@ def compiled(particles: int) -> Any:
 
 
 def _near(images, n, cutoff):
-    """Pairs of one of the first n points and a later one within the cutoff, each once, and ascending if there are no others."""
+    """Pairs of one of the first n points and a later one within the cutoff, each once; ascending if all points are particles."""
     passes = compiled(n)
     if passes and (found := passes.pairs_in_cells(images, n, cutoff)):
         return found
@@ -200,7 +200,7 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
         raise ValueError(f'a structure of {len(atoms)} particles without periodic images has no bonds; add particles')
     others = np.concatenate([atoms.positions[1:] - atoms.positions[0], atoms.cell.array[atoms.pbc]])
     extent = np.linalg.norm([np.ptp(x) for x in atoms.positions.T])
-    beyond = shells > 1  # whether the gap after the next shell is needed, as the one before the first is the widest anyway
+    beyond = shells > 1  # one shell is judged by its own gap, more are also compared with the gap after the next shell
     reach = (1.8 + beyond * min(shells, 3) / 2) * lengths_of(others).min()  # of the first shells of the common lattices
     held = _held(atoms)
     while True:
@@ -317,8 +317,6 @@ class Bonds:
         slim['vectors'] = np.asfortranarray(self.vectors)  # the bonds last in memory
         if not np.any(self.shift):
             slim['shift'] = np.broadcast_to(np.zeros(3, int), (len(self.i), 3))
-        if any(k.min(initial=0) < 0 or k.max(initial=-1) >= self.particles for k in (slim['i'], slim['j'])):
-            raise ValueError(f'bonds join particles from 0 to {self.particles - 1}; some of their i or j lie outside')
         for name, values in slim.items():
             object.__setattr__(self, name, values)
 

@@ -75,12 +75,12 @@ def _in_cells(points, n, reach, low, sides, i, j):
     return found
 
 
-@kept(types.float64[::1](INDICES, INDICES, types.float64[:, ::1], ROWS))
+@kept(types.float64[::1](INDICES, INDICES, types.float64[:, ::1], ROWS), boundscheck=True)
 def stretch(i, j, vectors, u):
     """Add `u_j - u_i` to vectors of pairs, shape (rows, pairs), from u of shape (rows, particles); returns their lengths."""
     r = np.zeros(len(i))
     for x in range(len(u)):
-        for b in range(len(i)):
+        for b in range(max(len(i), vectors.shape[1])):  # IndexError if they differ, as of other particles
             vectors[x, b] += u[x, j[b]] - u[x, i[b]]
             r[b] += vectors[x, b] ** 2
     for b in range(len(i)):
@@ -88,12 +88,12 @@ def stretch(i, j, vectors, u):
     return r
 
 
-@kept(types.UniTuple(types.float64[:, ::1], 2)(INDICES, INDICES, ROWS, types.intp))
+@kept(types.UniTuple(types.float64[:, ::1], 2)(INDICES, INDICES, ROWS, types.intp), boundscheck=True)
 def at_ends(i, j, values, particles):
     """Sums of values, shape (rows, pairs), at the particles i, and at the particles j, both of shape (rows, particles)."""
     near, far = np.zeros((len(values), particles)), np.zeros((len(values), particles))
     for x in range(len(values)):
-        for b in range(len(i)):
+        for b in range(max(len(i), values.shape[1])):
             near[x, i[b]] += values[x, b]
             far[x, j[b]] += values[x, b]
     return near, far

@@ -50,7 +50,8 @@ def plot_zone(path: BandPath, *, ax: Axes | None = None) -> Axes:
         raise ValueError(f'the zone is drawn for planar lattices, but the special points of the path {path.path} span no plane')
     ax = new_axes(height=3.2) if ax is None else ax
     _draw_border(ax, path.cell)
-    special = _upright(path.special_points, path.cell)
+    sign = upwards(path.special_points, path.cell)
+    special = {name: sign * np.asarray(q) for name, q in path.special_points.items()}
     part = irreducible_zone(special, path.cell) * units.m
     ax.add_collection(PolyCollection([part], facecolor=COLOURS[6], alpha=0.35, linewidth=0))
     _draw_phases(ax, path.cell)
@@ -73,11 +74,6 @@ def irreducible_zone(points: Mapping[str, NDArray[np.float64]], cell: ArrayLike)
 def upwards(points: Mapping[str, NDArray[np.float64]], cell: Cell) -> float:
     """Sign of k that brings a path into the upper half of the zone: -1 if most special points lie in the lower half, else 1."""
     return -1.0 if sum(_cartesian(cell, q)[1] for q in points.values()) < 0 else 1.0
-
-
-def _upright(points, cell):
-    sign = upwards(points, cell)
-    return {name: sign * np.asarray(q) for name, q in points.items()}
 
 
 def _draw_phases(ax, cell):

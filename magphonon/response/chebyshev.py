@@ -65,8 +65,8 @@ TOP, ABOVE = 0.01, 1.02
 """Accuracy of the highest eigenvalue, and how far above it filters end: the largest row sum is 37 % above it in a triangular
 lattice.  If an eigenvalue lay beyond, a filter would find that one, and random vectors would show it."""
 LONGEST = 1000
-"""Products of a filter from which eigenvalues are crowded, and factors sooner there, up to 200 000 directions; of more, the
-lowest ones are as much closer together as the patch is wider."""
+"""If a filter needs more products than this, the eigenvalues count as crowded and sparse factors are faster.  Above 200 000
+directions the limit grows as the width of the patch, because the lowest eigenvalues lie closer together."""
 
 
 class Outside(ArithmeticError):
@@ -270,6 +270,8 @@ def lowest_by_products(K: Products, size: int, count: int) -> tuple[NDArray[np.f
     modes, as the partners of modes with equal frequencies are.  `Crowded` if this does not end, or if round-off of modes far
     below the others would grow as well.
     """
+    if (more := count + count // 2 + 2) >= size:  # so far above the wanted ones nothing may grow
+        raise Crowded
     K, random = _products(K), np.random.default_rng(0)
     start = random.normal(size=size)
     top = ABOVE * _highest(lambda v: _times(K, v), start)
@@ -281,7 +283,6 @@ def lowest_by_products(K: Products, size: int, count: int) -> tuple[NDArray[np.f
         if left.max() < width:
             break
         bound = low + ROUGH * width
-    more = count + count // 2 + 2  # so far above the wanted ones nothing may grow
     bound, start = low + 3 * width * more / ROUGH, random.normal(size=size)
     values, vectors, left = _lowest_filtered(_Filter(K, size, low, bound, top), more, start, CERTAIN)
     for _ in range(MISSED if len(values) > count else 0):
@@ -308,7 +309,8 @@ class _Filter:
     def __init__(self, K, size, low, bound, top):
         bound = min(bound, (low + top) / 2)  # the wanted modes of a small structure may lie far apart
         self.K, radius, above = K, (top - bound) / 2, bound - low
-        degree = RISE / np.arccosh(1 + above / radius) if above > 0 else np.inf
+        with np.errstate(divide='ignore'):
+            degree = RISE / np.arccosh(1 + max(above, 0.0) / radius)
         if degree > LONGEST * max(1.0, np.sqrt(size / 2e5)):
             raise Crowded
         self.degree, self.X2 = 2 * int(degree / 2) + 2, K.scaled(2 / radius, bound + radius)
@@ -328,6 +330,8 @@ def _lowest_filtered(filtered, count, start, tolerance):
         V = eigsh(operator, count, which='LA', v0=start, ncv=count + 10, tol=tolerance, maxiter=PASSES)[1]
     except sparse.linalg.ArpackNoConvergence as error:  # often of the last one, whose neighbour is close or equal
         V = error.eigenvectors
+        if not V.size:
+            raise Crowded from error
     return _eigenpairs(filtered.K, V)
 
 

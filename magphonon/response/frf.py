@@ -463,7 +463,7 @@ def nonlinear_change(system: LinearSystem, drive: ToneBurst, damping: float, lar
     goes twice as far when a force sets in at once; waves count by their Fourier coefficients, half of their amplitudes.  The sum
     is 2.6 times too small to 4.7 times too large for 175 drawn bursts other than those on which these weights were chosen, and
     more than CAUTION times too small for two: a steady wave does not know how long harmonics ring at the edge of a band.  It is
-    returned multiplied by CAUTION.
+    returned multiplied by CAUTION (tests/scenes/test_least_engine.py).
     """
     calc, dim = system.calc, system.dim
     if largest > LARGE * calc.bonds.shortest:

@@ -31,7 +31,7 @@ MOST_TURNING = 1500  # the same limit with gyroscopic forces: matrices are compl
 LOWEST = 60  # number of the lowest modes of a larger patch
 BY_PRODUCTS = 16000
 """Number of free directions from which products with K find modes sooner than its factors, if its bonds lie on a grid: four times
-as soon at 19 000, where to load what multiplies takes as long again, in a quarter of the memory at 200 000.  In a periodic
+as soon at 19 000, where loading the compiled code takes as long again, in a quarter of the memory at 200 000.  In a periodic
 structure many waves have the same frequency, which takes products eight times as long."""
 
 EQUAL = 1e-11  # difference of squared frequencies, as a fraction of the largest entry of K, up to which they are equal
@@ -101,27 +101,29 @@ def _lowest(system, count):
         from .chebyshev import Crowded, Matrix, lowest_by_products, products_of
 
         if not isinstance(K := products_of(system), Matrix):
-            with suppress(Crowded, sparse.linalg.ArpackError):  # the latter where nothing resists
+            with suppress(Crowded, sparse.linalg.ArpackError):  # the latter if K is zero
                 return lowest_by_products(K, system.directions, count)
     return lowest_eigenpairs(system.K, count)
 
 
 def _mirrors(system):
-    """Reflections of a structure along each axis, as matrices of its coordinates, where they leave K as it is.
+    """Reflections of a structure along each axis, as matrices of its coordinates, which leave K as it is and commute.
 
     Their coordinates are exchanged in pairs or stay, with a sign: in each row and column one number is not zero, 1 or -1.
     """
     if system.directions <= SMALL:
         return []
     places, dim, found = system.atoms.positions, system.dim, []
-    middle = (places.max(axis=0) + places.min(axis=0)) / 2
+    middle, sizes = (places.max(axis=0) + places.min(axis=0)) / 2, abs(system.K).sum(axis=1)
     for turn in 1 - 2 * np.eye(3)[:dim]:
         partner = KDTree(places).query(middle + turn * (places - middle))[1]
         exchange = sparse.kron(sparse.csr_array(sparse.eye_array(len(places)))[partner], sparse.diags_array(turn[:dim]))
         P = sparse.csr_array(system.free.T @ exchange @ system.free)
         once = P.nnz == system.directions and (abs(P.data) == 1).all()
-        if once and not (P != P.T).nnz and abs(P @ system.K @ P - system.K).max() <= ROUND_OFF * abs(system.K).max():
-            found.append(P)
+        if once and not (P != P.T).nnz and not any((P @ other != other @ P).nnz for other in found):
+            off = abs(P @ system.K @ P - system.K).tocoo()
+            if (off.data <= ROUND_OFF * np.sqrt(sizes[off.row] * sizes[off.col])).all():  # a stiff site hides nothing elsewhere
+                found.append(P)
     return found
 
 

@@ -481,4 +481,4 @@ def times_words(ratio: float) -> str:
 def stiffness_words(k: float) -> str:
     """A stiffness in N/mm, in SI units."""
     value = k / (u.N / u.m)
-    return f'{value:.4g} N/m' if 1e-3 <= value < 1e4 or not value else u.in_words('N/m', value)
+    return f'{value:.4g} N/m' if 1e-3 <= value < 9999.5 or not value else u.in_words('N/m', value)

@@ -176,7 +176,8 @@ def elastic_moduli(atoms: Atoms, model: Model = 'complete') -> Moduli:
     >>> moduli.stress.shape
     (2, 2)
     """
-    _refuse_patches(atoms)
+    if not atoms.pbc.any():
+        raise ValueError('the structure is not periodic and has no stress or moduli; use the unit cell from which it was made')
     atoms = LinearSystem.of(atoms).atoms
     calc: Any = atoms.calc
     if calc.load.any() or calc.spring_forces.any():
@@ -226,11 +227,6 @@ def _motion(Phi, push):
     for _ in range(REFINEMENTS):
         y = y + solve(push - Phi @ y)
     return y
-
-
-def _refuse_patches(atoms):
-    if not atoms.pbc.any():
-        raise ValueError('the structure is not periodic and has no stress or moduli; use the unit cell from which it was made')
 
 
 def _along_periods(atoms, dim):

@@ -129,10 +129,10 @@ def relaxed(atoms: Atoms, steps: int = 1000) -> Relaxation:
     y, taken = np.zeros(descent.P.shape[1]), 0
     before, lowest, highest = descent.residual(y), 0.0, 0.0
     for saddles in range(SADDLES + 1):
-        if descent.residual(y) > RESIDUAL * descent.force:
+        if descent.residual(y) > descent.balanced:
             y, used = descent.to_rest(y, steps)
             taken += used
-        if not descent.residual(y) <= RESIDUAL * descent.force:
+        if not descent.residual(y) <= descent.balanced:
             _refuse_verge(lowest, highest, atoms)
             raise Unstable(f'after {taken} steps {descent.residual(y):.3g} N still act on a particle, {before:.3g} N at first: '
                              f'the structure buckles or slides; {MEND}')
@@ -177,7 +177,8 @@ class _Descent:
 
     def __init__(self, atoms, calc):
         self.calc = calc.about(atoms, model='complete')
-        self.P = LinearSystem.about(self.calc, atoms).moving().free
+        system = LinearSystem.about(self.calc, atoms)
+        self.P = system.moving().free
         self.given, self.atoms = calc, self.calc.reference.copy()
         self.atoms.calc = self.calc
         self.masses = self.P.power(2).T @ np.repeat(atoms.get_masses(), calc.dim)  # guides may be oblique
@@ -187,6 +188,7 @@ class _Descent:
         if not self.force:
             raise ValueError('no force acts between the particles: at the lengths of all bonds the law has neither force nor '
                              'stiffness; check the strengths of the particles and the reach of the law')
+        self.balanced = max(RESIDUAL * self.force, system.jitter)
         self.source = atoms
         self._at = None
 
@@ -228,7 +230,7 @@ class _Descent:
         end = minimize(self.energy, y, jac=self.slope, hessp=lambda y, p: self.stiffness(y) @ p, method='trust-ncg',
                        options=options)
         self._refuse_strangers(end.x)
-        y, polished = self._polished(end.x) if end.nit < steps else (end.x, 0)
+        y, polished = self._polished(end.x) if end.success or end.nit < steps else (end.x, 0)
         return y, end.nit + polished
 
     def _polished(self, y):

@@ -224,9 +224,14 @@ class LinearSystem:
         if not forces.any() or not (left := lengths_of(self._along_free(forces))).any():
             return np.zeros(len(self))
         calc: Any = self.atoms.calc
+        return left * (left > max(BALANCED * calc.largest[0], self.jitter))
+
+    @property
+    def jitter(self) -> float:
+        """Force in N that may act on a particle because positions are rounded."""
+        calc: Any = self.atoms.calc
         shaken = PLACES * max(abs(calc.reference.positions).max(), calc.bonds.longest)  # in mm
-        force, stiffness = calc.largest
-        return left * (left > max(BALANCED * force, shaken * stiffness))
+        return float(shaken * (calc.largest[1] + np.max(calc.foundation)))
 
     def _along_free(self, forces):
         mobile, guided, barred = self._freedom

@@ -210,7 +210,8 @@ def _alive(path, points: Mapping[str, Samples], notes: list[str]) -> dict[str, S
     if short:
         notes.append(f'points that miss more than {100 * (1 - LEAST_TIME):.0f} % of the record are left out: {_listed(short)}')
     kept = _without(points, short)
-    dead = [name for name, point in kept.items() if not _moves(point)]
+    dead = [name for name, point in kept.items()
+            if not any(np.ptp(u) > ROUND_OFF * abs(u).max() for u in point.motions.values())]
     if not dead or len(dead) == len(kept):  # the map refuses a row at rest
         return kept
     notes.append(f'points left out because they do not move (dead): {_listed(dead)}')
@@ -219,10 +220,6 @@ def _alive(path, points: Mapping[str, Samples], notes: list[str]) -> dict[str, S
 
 def _without(points, names):
     return {name: point for name, point in points.items() if name not in names}
-
-
-def _moves(point):
-    return any(np.ptp(u) > ROUND_OFF * abs(u).max() for u in point.motions.values())
 
 
 def _equal_times(path, points: Collection[Samples]) -> NDArray[np.float64]:

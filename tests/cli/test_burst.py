@@ -173,7 +173,7 @@ def test_a_lattice_that_buckles_is_called_unstable(scene_file, tmp_path, capsys)
     scene = scene_file(('"triangular"', '"square"'), ('GMKG', 'GXM'), ('= 32', '= 14'), ('0.6', '0.27'))
     assert main(['burst', str(scene), '-o', str(tmp_path / 'out')]) == 2  # what grows takes the particles out of their cells
     shown = capsys.readouterr().err
-    assert 'UNSTABLE: It buckles' in shown
+    assert 'UNSTABLE: the static forces buckle the infinite lattice. It buckles' in shown
     assert 'It needs a foundation of 40 kN/m and has 0 N/m.' in shown
     assert 'lower force_N' not in shown
     assert 'lower burst.force_N' not in shown

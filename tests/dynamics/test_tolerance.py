@@ -202,3 +202,18 @@ def test_the_bound_of_the_highest_frequency_by_particles_holds_and_is_near():
         case = Case(seed)
         over = engine.particle_bound(LinearSystem.nearest(case.atoms)) / case.omega
         assert 1 <= over < np.sqrt(2), seed  # half of it in the square would be no bound
+
+
+@pytest.mark.parametrize('order', [2, 4, 6])
+def test_uniform_motion_in_many_short_steps_is_not_lost_in_single_precision(order):
+    """Rounded always the same way, it was 5 tolerances off; in steps fifty times as long, single precision serves."""
+    cell, v = lattices.triangular(1.0, 1.0).repeat((6, 6, 1)), np.array([1e-3, 0.37e-3, 0.0])
+    cell.calc = PairCalculator(cell, InversePower(1.0, 3.0))
+    for phase, steps, single in ((0.01, 100_000, False), (0.5, 3000, True)):
+        atoms, dt = cell.copy(), phase / highest_frequency(cell)
+        atoms.calc = cell.calc
+        atoms.set_velocities(np.tile(v, (len(atoms), 1)))
+        dyn = DrivenVerlet(atoms, dt, order=order, tolerance=1e-3, engine='compiled')
+        dyn.run(steps)
+        assert (dyn._blocks._dtype == np.float32) == single
+        np.testing.assert_allclose(dyn.displacements, np.tile(v[:2] * dt * steps, (len(atoms), 1)), rtol=1e-3 if single else 1e-6)

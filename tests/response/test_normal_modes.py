@@ -4,6 +4,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from ase import Atoms
 from ase.constraints import FixAtoms
 from motion import patch
 from numpy.testing import assert_allclose
@@ -153,6 +154,29 @@ def test_modes_of_each_parity_are_those_of_the_whole(shape, side, mirrors, heavi
     assert_allclose(system.K @ y.T, y.T * squares, atol=1e-11 * squares[-1])
 
 
+@pytest.mark.filterwarnings('ignore:the stiffest bond has')
+@pytest.mark.filterwarnings('ignore:a mass of')
+def test_mirrors_are_of_all_sites_however_stiff_others_are_and_commute():
+    """Beside a stiff pillar in the middle, two springs differ by 1e-4; of bodies without forces any two are exchanged."""
+    for off, mirrors in ((0.0, 2), (1e-4, 1)):
+        atoms = lattices.hexagon(lattices.triangular(1.0, 1.0), 9.0)
+        at, springs = (atoms.positions - atoms.positions.mean(axis=0)).round(6), np.full((len(atoms), 2), 4.0)
+        springs[~at[:, :2].any(axis=1)] = 1e8
+        springs[(at[:, 0] == 4) & (at[:, 1] == 0)] *= 1 + off
+        atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=springs)
+        assert len(normal_modes._mirrors(LinearSystem.of(atoms))) == mirrors
+    free = [[-0.19, 0.1, 0.0], [-0.04, -0.1, 0.0], [0.19, 0.05, 0.0]]
+    atoms = lattices.square(1.0, 1.0).repeat((16, 16, 1))
+    atoms.positions -= atoms.positions.mean(axis=0)
+    atoms = atoms[abs(atoms.positions).max(axis=1) > 1]
+    held = np.flatnonzero(abs(atoms.positions).max(axis=1) > 7), np.flatnonzero(abs(atoms.positions).max(axis=1) < 2)
+    atoms = Atoms(positions=[*atoms.positions, *free], masses=np.ones(len(atoms) + 3), constraint=FixAtoms(np.concatenate(held)))
+    strengths = np.append(np.ones(len(atoms) - 3), np.zeros(3))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=3.0, strengths=strengths, cutoff=1.2)
+    squares, omega = np.linalg.eigvalsh(LinearSystem.of(atoms).K.toarray()), modes(atoms).omega
+    assert_allclose(omega * abs(omega), squares, atol=1e-12 * squares[-1])
+
+
 def test_modes_are_those_about_rest():
     atoms, moved = patch(), patch()
     moved.positions[24] += 0.3
@@ -244,6 +268,8 @@ def test_products_do_not_find_what_is_crowded():
     for squares in (np.full(300, 2.0), np.append(np.linspace(1, 1 + 1e-9, 20), np.linspace(2, 3, 280))):
         with pytest.raises(Crowded):
             lowest_by_products(sparse.csr_array(sparse.diags_array(squares)), 300, 4)
+    with pytest.raises(Crowded):  # they leave no room for those that may not grow
+        lowest_by_products(sparse.csr_array(sparse.diags_array(np.linspace(1, 3, 300))), 300, 200)
     ends = chebyshev.Matrix(sparse.csr_array(sparse.eye_array(2))), 0.0, 5e-6, 1.0  # 1342 products, for a million magnets few
     with pytest.raises(Crowded):
         chebyshev._Filter(ends[0], 2e5, *ends[1:])

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, modes
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.lattices.patches import RIM
+from magphonon.stiffness import LinearSystem
 from magphonon.stiffness.relaxation import relaxed
 
 LAW = InversePower(b=6200.0, a=4.5824)
@@ -130,7 +131,8 @@ def test_the_force_that_is_reported_acts_at_the_positions_that_are_returned(away
     assert found.needed
 
 
-@pytest.mark.parametrize('stiff', 10.0 ** np.arange(2, 6))
+@pytest.mark.filterwarnings('ignore:the stiffest bond has')
+@pytest.mark.parametrize('stiff', 10.0 ** np.arange(2, 11, 2))
 def test_particles_on_stiff_springs_move_by_their_force_over_the_spring(stiff):
     """The rounded energy no longer sees the last steps, which Newton's method makes; it called these structures unstable."""
     rng = np.random.default_rng(int(stiff))
@@ -140,5 +142,6 @@ def test_particles_on_stiff_springs_move_by_their_force_over_the_spring(stiff):
         atoms = atoms[rng.random(25) > 0.1]
         atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), cutoff=1.2, foundation=stiff)
         found, force = relaxed(atoms), atoms.get_forces()
-        assert_allclose(found.atoms.positions - atoms.positions, force / stiff, atol=50 / stiff**2)  # bonds have 4 N/mm
-        assert found.after < 1e-9
+        assert_allclose(found.atoms.positions - atoms.positions, force / stiff, atol=50 / stiff**2 + 1e-14)  # 4 N/mm
+        assert found.after < max(1e-9, 1e-13 * stiff)  # positions are rounded to 1e-15 of 4 mm
+        assert LinearSystem.of(found.atoms).stable
