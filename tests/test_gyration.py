@@ -96,6 +96,12 @@ def test_what_no_order_above_two_can_do_is_judged_anew_when_it_comes_later(asked
         assert dyn.splitting.order == 2
 
 
+def test_a_tolerance_is_taken_where_nothing_vibrates():
+    patch = hill(0.0)
+    assert highest_frequency(patch) == 0
+    assert DrivenVerlet(patch, 0.1, damping=np.linspace(0, 0.1, 9), tolerance=1e-6).run(1)
+
+
 def honeycomb(g, k=6.0, rows=None):
     cell = lattices.honeycomb(1.0, 1.0)
     cell = cell if rows is None else lattices.ribbon(cell, rows)

@@ -333,7 +333,8 @@ class DrivenVerlet(VelocityVerlet):
 
     def _longest(self, share=1.0):
         """The longest step in ms that meets this share of the tolerance to the end of the run, of each order."""
-        return {order: SPLITTINGS[order].longest(self._omega * self.max_steps * self.dt, share * self.tolerance) / self._omega
+        omega = self._omega or 1e-300  # where nothing vibrates, any step will do
+        return {order: SPLITTINGS[order].longest(omega * self.max_steps * self.dt, share * self.tolerance) / omega
                 for order in (SPLITTINGS if self._chooses else (2,))}
 
     def _order(self):
