@@ -145,7 +145,8 @@ def divided(path: Any, text: str, asked: Asked) -> tuple[list[Heading], str, lis
         raise ValueError(f'{path} is empty')
     names = [split(line) for _, line in lines[: PREAMBLE + 1]]
     for k, (own, below) in enumerate(zip(names, [*names[1:], []], strict=True)):
-        for units in (below, []) if _are_units(below, own) else ([],):
+        may_be_units = len(below) == len(own) and not any(map(NUMBER.match, below))
+        for units in (below, []) if may_be_units else ([],):
             heads = asked.headings(own, units)
             if not asked.lacking(heads):
                 _refuse_rows(path, lines[:k], names, heads)
@@ -153,11 +154,6 @@ def divided(path: Any, text: str, asked: Asked) -> tuple[list[Heading], str, lis
                 rows = [one for one in lines[k + 1 + bool(units) :] if one[1][0] not in COMMENT]
                 return heads, separator(lines[k][1]), rows
     return max(map(asked.headings, names), key=_likeness), '', []
-
-
-def _are_units(below, names):
-    """Whether a line below the names may be one of units."""
-    return len(below) == len(names) and not any(map(NUMBER.match, below))
 
 
 def _likeness(heads):

@@ -288,6 +288,8 @@ class PairCalculator(Repulsion):
 
         Its own images push a particle from both sides alike.
         """
+        if (self.bonds.i == self.bonds.j).all():
+            return np.zeros((self.bonds.particles, self.dim)), np.zeros((self.bonds.particles, 1))
         gradient = self.interaction.forces(self.bond_vectors)[1]
         return self.bonds.net(gradient), self.bonds.total(lengths_of(gradient)[:, None])
 
