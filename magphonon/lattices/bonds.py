@@ -34,7 +34,7 @@ Pairs = tuple[NDArray[np.int_], NDArray[np.int_], NDArray[Any], NDArray[np.float
 """Particles i and j, the cell of j and the vector of each pair."""
 MOST_PARTICLES = 2**31 - 1
 MANY = 100_000  # number of particles from which on compiled code repays loading it, 0.3 s
-PAIR_bytes, SHIFT_bytes = 80, 250  # at the peak while pairs are found, for each pair and each periodic cell; measured
+PAIR_bytes, SHIFT_bytes = 64, 250  # at the peak while pairs are found, for each pair and each periodic cell; measured: 40 to 85
 FEW = 2**13  # number of coordinates that are looked at first
 SHELL_WIDTH = 1e-4
 """Largest relative difference of successive distances that belong to one shell of neighbours.
