@@ -244,7 +244,7 @@ class Structure:
 
     def refuse_strangers(self, rest: Rest, parts: Parts) -> None:
         """Raise ValueError if a copy brings particles as near as neighbours that have no bond."""
-        n, atoms, bonds, mobile = len(self.atoms), self.calc.reference.copy(), self.calc.bonds, self.system.mobile
+        n, atoms, bonds, mobile = np.int64(len(self.atoms)), self.calc.reference.copy(), self.calc.bonds, self.system.mobile
         known = [bonds.i * n + bonds.j, *(a * n + b for a, b, *_ in [pairs_within(atoms, NEAR * self.kept)])]
         atoms.positions[:, : self.shape[1]] += parts.foot + rest.bent
         i, j, _, R = pairs_within(atoms, NEAR * self.kept)
