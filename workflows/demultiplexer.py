@@ -2,7 +2,7 @@
 
 `python -m workflows.demultiplexer [-o DIR]` designs with four models at equal effort, builds copies of the ready scene with the
 errors of a workshop, and trims those that fell below 30 dB; some minutes.  With `--device` it designs another such device,
-DIR/designed.csv, in two minutes of one core.  An independent solver (built_device.py) judges.
+DIR/designed.csv, in two to four minutes of one core.  An independent solver (built_device.py) judges.
 """
 
 import argparse

@@ -61,8 +61,8 @@ print(f'in four of five copies: {copies.reached(80):.1f} dB')
 # With ``errors`` the design is made for copies, eight new ones at each step, and ``parts`` are what the shop has: five grades
 # of magnets and four rods.  The moving mass follows the rod, which is taken as a cantilever: its stiffness depends on the
 # frequency.  A hundred steps take seconds; the device below took 3600.  ``python -m workflows.demultiplexer --device`` designs
-# another one in 4800 steps of four copies, about two minutes of a core that does nothing else.  Common errors are taken 1.3 times
-# as large there, so that rare copies count for more: of 300 unseen ones 87 % keep 30 dB, and all keep 20 dB.
+# another one in 4800 steps of four copies, two to four minutes of a core.  Common errors are taken 1.3 times as large there, so
+# that rare copies count for more: of 1200 unseen ones 87 % keep 30 dB, and 99.9 % keep 20 dB.
 
 design = optimise(patch, targets, over, parts={'strength': [0.87, 0.93, 1.0, 1.07, 1.15], 'rod': RODS}, errors=errors,
                   rod_mass=rod, steps=60)
